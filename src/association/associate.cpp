@@ -1,0 +1,268 @@
+#include <convoy/association/associate.hpp>
+#include <convoy/config_error.hpp>
+#include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace convoy {
+namespace {
+
+// Volume of the unit ball in Dim dimensions.
+constexpr double unit_ball(int dim) { return dim == 2 ? M_PI : 4.0 / 3.0 * M_PI; }
+
+// Probability that a landmark thrown at random among those of `batch` falls within a gate of this volume around one of
+// them: the local density, from the distance to the fourth neighbour, averaged over the batch.
+template <class G>
+double chance_of_a_match(const Batch<G>& batch, double gate_volume) {
+  const std::size_t neighbour = std::min<std::size_t>(4, batch.landmarks.size() - 1);
+  double sum = 0.0;
+  for (const auto& l : batch.landmarks) {
+    std::vector<double> squared;
+    for (const auto& other : batch.landmarks) squared.push_back((other.position - l.position).squaredNorm());
+    std::nth_element(squared.begin(), squared.begin() + static_cast<std::ptrdiff_t>(neighbour), squared.end());
+    const double ball = unit_ball(G::Dim) * std::pow(std::max(squared[neighbour], 1e-6), 0.5 * G::Dim);
+    sum += 1.0 - std::exp(-static_cast<double>(neighbour) / ball * gate_volume);
+  }
+  return sum / static_cast<double>(batch.landmarks.size());
+}
+
+// One association problem, its stages in order.
+template <class G>
+class Associator {
+ public:
+  Associator(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
+             const AssociationParams& params)
+      : a_(a), b_(b), prior_(prior), params_(params), table_a_(a), table_b_(b),
+        binary_(table_a_, table_b_, params.constraints), gate_chi2_(chi2_quantile(params.residual, G::Dim)) {}
+
+  AssociationResult<G> run() {
+    const CompatibilityGraph graph = build_graph();
+    result_.candidates = graph.size();
+    result_.compatible = graph.edges();
+    if (static_cast<int>(graph.size()) < params_.min_pairings) return reject(Rejection::too_few_candidates);
+    const SearchResult best = search(graph);
+    result_.nodes = best.nodes;
+    if (best.cut_off) return reject(Rejection::search_cut_off);
+    if (static_cast<int>(best.pairings.size()) < params_.min_pairings) return reject(Rejection::too_few_pairings);
+    if (!settle(best.pairings)) return reject(Rejection::geometry);
+    if (!fits_prior()) return reject(Rejection::prior);
+    result_.expected_false_alarms = expected_false_alarms();
+    if (result_.expected_false_alarms > params_.max_false_alarms) return reject(Rejection::chance);
+    result_.runner_up = runner_up(graph);
+    if (result_.runner_up > params_.max_runner_up_share * result_.support) {
+      reject(Rejection::runner_up);
+      result_.decision = Decision::ambiguous;
+      return result_;
+    }
+    result_.decision = Decision::accepted;
+    return result_;
+  }
+
+ private:
+  const LandmarkFact<G>& in_a(int i) const { return a_.landmarks[static_cast<std::size_t>(i)]; }
+  const LandmarkFact<G>& in_b(int j) const { return b_.landmarks[static_cast<std::size_t>(j)]; }
+
+  AssociationResult<G> reject(Rejection reason) {
+    result_.decision = Decision::none;
+    result_.rejection = reason;
+    return result_;
+  }
+
+  CompatibilityGraph build_graph() const {
+    const IndividualCompatibility<G> unary(prior_, params_.constraints);
+    std::vector<IndexPairing> candidates;
+    for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
+      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
+        if (unary(in_a(i), in_b(j))) candidates.emplace_back(i, j);
+    return CompatibilityGraph(std::move(candidates), [&](const IndexPairing& p, const IndexPairing& q) {
+      return binary_(p.first, p.second, q.first, q.second);
+    });
+  }
+
+  SearchResult search(const CompatibilityGraph& graph) const {
+    if (!params_.literal_search) return gcbb(graph, params_.max_nodes);
+    const IndividualCompatibility<G> unary(prior_, params_.constraints);
+    SearchResult found = gcbb_literal(
+        static_cast<int>(b_.landmarks.size()), static_cast<int>(a_.landmarks.size()),
+        [&](int j, int i) { return unary(in_a(i), in_b(j)); },
+        [&](int j1, int i1, int j2, int i2) { return binary_(i1, j1, i2, j2); }, params_.max_nodes);
+    for (auto& [i, j] : found.pairings) std::swap(i, j);
+    std::sort(found.pairings.begin(), found.pairings.end());
+    return found;
+  }
+
+  // Aligns, takes every pair that agrees with the alignment (each landmark once, best first), until nothing changes.
+  bool settle(std::vector<IndexPairing> pairings) {
+    for (int round = 0; round < 5; ++round) {
+      const auto alignment = align(a_, b_, pairings);
+      if (!alignment) return false;
+      const std::vector<IndexPairing> agreeing = pairs_agreeing_with(*alignment);
+      if (static_cast<int>(agreeing.size()) < params_.min_pairings) return false;
+      if (agreeing == pairings) break;
+      pairings = agreeing;
+    }
+    const auto whole = align(a_, b_, pairings);
+    if (!whole) return false;
+    pairings = without_doubtful(*whole, pairings);
+    if (static_cast<int>(pairings.size()) < params_.min_pairings) return false;
+    const auto alignment = align(a_, b_, pairings);
+    return alignment && keep(*alignment, pairings);
+  }
+
+  // Leaves out pairings whose landmarks could as well be paired otherwise: two things side by side.
+  std::vector<IndexPairing> without_doubtful(const Alignment<G>& alignment,
+                                             const std::vector<IndexPairing>& pairings) const {
+    const double near = chi2_quantile(params_.separation, G::Dim);
+    const auto alone = [&](const IndexPairing& p) {
+      for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
+        if (i != p.first && residual_chi2(alignment, in_a(i), in_b(p.second)) < near) return false;
+      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
+        if (j != p.second && residual_chi2(alignment, in_a(p.first), in_b(j)) < near) return false;
+      return true;
+    };
+    std::vector<IndexPairing> kept;
+    std::copy_if(pairings.begin(), pairings.end(), std::back_inserter(kept), alone);
+    return kept;
+  }
+
+  bool keep(const Alignment<G>& alignment, const std::vector<IndexPairing>& pairings) {
+    result_.alignment = alignment;
+    result_.support = static_cast<int>(pairings.size());
+    settled_ = pairings;
+    std::vector<Pairing> keys;
+    for (const auto& [i, j] : pairings) keys.emplace_back(in_a(i).key, in_b(j).key);
+    result_.pairings = canonical(std::move(keys));
+    return alignment.chi2 <= chi2_quantile(params_.residual, alignment.dof);
+  }
+
+  std::vector<IndexPairing> pairs_agreeing_with(const Alignment<G>& alignment) const {
+    struct Scored {
+      double chi2;
+      IndexPairing pairing;
+      auto operator<=>(const Scored&) const = default;
+    };
+    const IndividualCompatibility<G> unary(prior_, params_.constraints);
+    std::vector<Scored> scored;
+    for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
+      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j) {
+        if (!unary(in_a(i), in_b(j))) continue;
+        const double chi2 = residual_chi2(alignment, in_a(i), in_b(j));
+        if (chi2 < gate_chi2_) scored.push_back({chi2, {i, j}});
+      }
+    std::sort(scored.begin(), scored.end());
+    std::vector<bool> used_a(a_.landmarks.size(), false), used_b(b_.landmarks.size(), false);
+    std::vector<IndexPairing> pairings;
+    for (const auto& [chi2, pairing] : scored) {
+      auto&& ua = used_a[static_cast<std::size_t>(pairing.first)];
+      auto&& ub = used_b[static_cast<std::size_t>(pairing.second)];
+      if (ua || ub) continue;
+      ua = ub = true;
+      pairings.push_back(pairing);
+    }
+    std::sort(pairings.begin(), pairings.end());
+    return pairings;
+  }
+
+  bool fits_prior() const {
+    if (!prior_) return true;
+    const typename G::Tangent r = (prior_->mean.inverse() * result_.alignment.T_a_b).Log();
+    return squared_mahalanobis(r, typename G::Covariance(prior_->covariance + result_.alignment.covariance())) <
+           chi2_quantile(params_.constraints.compatibility, G::Dof);
+  }
+
+  // Every compatible pair of pairings proposes one alignment; each other landmark agrees with it by chance with
+  // probability q. The expected number of alignments with as much support as ours, all of them chance:
+  double expected_false_alarms() const {
+    double volume = 0.0;
+    for (const auto& [i, j] : settled_)
+      volume += unit_ball(G::Dim) * std::pow(gate_chi2_, 0.5 * G::Dim) *
+                std::sqrt(residual_covariance(result_.alignment, in_a(i), in_b(j)).determinant());
+    const double q = chance_of_a_match(a_, volume / static_cast<double>(settled_.size()));
+    const int others = static_cast<int>(std::min(a_.landmarks.size(), b_.landmarks.size())) - G::Dim;
+    return static_cast<double>(result_.compatible) * binomial_tail(others, q, result_.support - G::Dim);
+  }
+
+  // Support of the best alignment made of pairings that disagree with ours.
+  int runner_up(const CompatibilityGraph& graph) const {
+    const double near = chi2_quantile(params_.separation, G::Dim);
+    const CompatibilityGraph rest = graph.without([&](const IndexPairing& p) {
+      return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < near;
+    });
+    const SearchResult second = gcbb(rest, params_.max_nodes);
+    if (second.cut_off) return result_.support;  // not known: nothing may be assumed
+    Associator other(a_, b_, prior_, params_);
+    const bool aligned = static_cast<int>(second.pairings.size()) >= params_.min_pairings && other.settle(second.pairings);
+    return aligned && other.fits_prior() ? other.result_.support : 0;
+  }
+
+  const Batch<G>& a_;
+  const Batch<G>& b_;
+  const std::optional<RelativePrior<G>>& prior_;
+  const AssociationParams& params_;
+  DistanceTable table_a_, table_b_;
+  DistanceCompatibility binary_;
+  double gate_chi2_;
+  std::vector<IndexPairing> settled_;
+  AssociationResult<G> result_;
+};
+
+}  // namespace
+
+void validate(const AssociationParams& p) {
+  const auto share = [](double x) { return x > 0.0 && x < 1.0; };
+  if (!share(p.constraints.compatibility) || !share(p.constraints.distance) || !share(p.residual) ||
+      !share(p.separation))
+    throw ConfigError("association: confidences must lie in (0, 1)");
+  if (!(p.constraints.min_distance_m >= 0.0)) throw ConfigError("association: min_distance_m must be >= 0");
+  if (p.min_pairings < 3) throw ConfigError("association: min_pairings must be >= 3; two pairs align with anything");
+  if (!(p.max_false_alarms > 0.0)) throw ConfigError("association: max_false_alarms must be > 0");
+  if (!(p.max_runner_up_share > 0.0 && p.max_runner_up_share <= 1.0))
+    throw ConfigError("association: max_runner_up_share must lie in (0, 1]");
+  if (p.max_nodes == 0) throw ConfigError("association: max_nodes must be > 0");
+}
+
+const char* to_string(Decision decision) {
+  switch (decision) {
+    case Decision::accepted: return "accepted";
+    case Decision::none: return "none";
+    case Decision::ambiguous: return "ambiguous";
+  }
+  return "unknown";
+}
+
+const char* to_string(Rejection rejection) {
+  switch (rejection) {
+    case Rejection::not_rejected: return "not_rejected";
+    case Rejection::too_few_candidates: return "too_few_candidates";
+    case Rejection::too_few_pairings: return "too_few_pairings";
+    case Rejection::search_cut_off: return "search_cut_off";
+    case Rejection::geometry: return "geometry";
+    case Rejection::prior: return "prior";
+    case Rejection::chance: return "chance";
+    case Rejection::runner_up: return "runner_up";
+  }
+  return "unknown";
+}
+
+template <class G>
+AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
+                               const AssociationParams& params) {
+  const auto enough = static_cast<std::size_t>(params.min_pairings);
+  if (a.landmarks.size() < enough || b.landmarks.size() < enough) {
+    AssociationResult<G> result;
+    result.rejection = Rejection::too_few_candidates;
+    return result;
+  }
+  return Associator<G>(a, b, prior, params).run();
+}
+
+#define CONVOY_INSTANTIATE(G)                                                               \
+  template AssociationResult<G> associate(const Batch<G>&, const Batch<G>&,                 \
+                                          const std::optional<RelativePrior<G>>&, const AssociationParams&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

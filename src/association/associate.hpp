@@ -1,0 +1,66 @@
+// Association of two batches: constraints, search, and the decision whether what was found means anything
+// (paper, Section IV). A largest compatible set always exists; it is the decision that keeps the map free of chance.
+#pragma once
+
+#include <convoy/association/alignment.hpp>
+#include <convoy/association/constraints.hpp>
+#include <convoy/association/search.hpp>
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace convoy {
+
+struct AssociationParams {
+  ConstraintParams constraints;
+  bool literal_search = false;         ///< Fig. 5 as written instead of the bit-parallel search; same result, slower
+  std::uint64_t max_nodes = 200'000;   ///< search tree nodes; beyond, the answer is "none"
+  int min_pairings = 5;                ///< fewer never decide anything
+  double residual = 0.99;              ///< chi-square confidence of the aligned set, and of each pair in it
+  double separation = 0.9999;          ///< a pairing is left out if another partner lies within this confidence, too
+  double max_false_alarms = 1e-4;      ///< expected number of alignments as good by chance, at the local density
+  double max_runner_up_share = 0.7;    ///< a second, incompatible alignment with more support than this share: ambiguous
+};
+
+/// Throws ConfigError when a value is out of its range.
+void validate(const AssociationParams& params);
+
+enum class Decision : std::uint8_t { accepted, none, ambiguous };
+const char* to_string(Decision decision);
+
+/// Why nothing was accepted.
+enum class Rejection : std::uint8_t {
+  not_rejected,
+  too_few_candidates,   ///< the unary constraint left too few pairs
+  too_few_pairings,     ///< the largest set is too small
+  search_cut_off,       ///< node budget
+  geometry,             ///< the pairs do not align within their covariances
+  prior,                ///< they align, but not where the static bias and the drift allow
+  chance,               ///< such a set is to be expected by chance
+  runner_up,            ///< another place fits nearly as well
+};
+inline constexpr int rejection_count = 8;
+const char* to_string(Rejection rejection);
+
+template <class G>
+struct AssociationResult {
+  Decision decision = Decision::none;
+  Rejection rejection = Rejection::not_rejected;
+  std::vector<Pairing> pairings;     ///< canonical; the best set also when it was not accepted
+  Alignment<G> alignment;            ///< T_a_b of that set
+  int support = 0;                   ///< number of pairings
+  int runner_up = 0;                 ///< support of the best alignment elsewhere
+  double expected_false_alarms = 0;
+  std::size_t candidates = 0;        ///< pairs that passed the unary constraint
+  std::uint64_t compatible = 0;      ///< pairs of pairs that passed the binary constraint
+  std::uint64_t nodes = 0;
+};
+
+/// Batches a and b of one or two chains, anchor keys a < b (so that everybody computes the same). Deterministic: a
+/// function of the facts alone. Fig. 5 runs with b as the new landmarks and a as the map.
+template <class G>
+AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
+                               const AssociationParams& params);
+
+}  // namespace convoy

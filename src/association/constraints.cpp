@@ -1,0 +1,110 @@
+#include <convoy/association/constraints.hpp>
+#include <convoy/drift/drift_model.hpp>
+#include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <cmath>
+
+namespace convoy {
+namespace {
+
+// Pose of an anchor in the common frame from its static bias and the drift since the start.
+template <class G>
+RelativePrior<G> absolute_prior(const FactStore<G>& store, const Key& anchor) {
+  const PriorFact<G>& prior = *store.prior(anchor.chain);
+  const Increment<G> drift = increment({}, store.anchor(anchor)->state);
+  const typename G::Adjoint Ad = drift.motion.inverse().adjoint();
+  return {prior.mean * drift.motion, Ad * prior.covariance * Ad.transpose() + drift.covariance};
+}
+
+}  // namespace
+
+template <class G>
+bool complete(const FactStore<G>& store, const Key& anchor) {
+  const AnchorFact<G>* fact = store.anchor(anchor);
+  if (fact == nullptr || store.prior(anchor.chain) == nullptr) return false;
+  const auto& batches = store.chains().at(anchor.chain).batches;
+  const auto batch = batches.find(anchor.index);
+  return (batch == batches.end() ? 0 : batch->second.size()) == fact->landmark_count;
+}
+
+template <class G>
+std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const Key& a, const Key& b) {
+  if (a.chain == b.chain) {
+    const bool forward = a.index <= b.index;
+    const Increment<G> drift =
+        increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state);
+    if (forward) return RelativePrior<G>{drift.motion, drift.covariance};
+    const typename G::Adjoint Ad = drift.motion.adjoint();  // (U Exp(e))^-1 = U^-1 Exp(-Ad_U e)
+    return RelativePrior<G>{drift.motion.inverse(), Ad * drift.covariance * Ad.transpose()};
+  }
+  if (!store.prior(a.chain)->known || !store.prior(b.chain)->known) return std::nullopt;
+  const RelativePrior<G> pa = absolute_prior(store, a), pb = absolute_prior(store, b);
+  const G T_a_b = pa.mean.inverse() * pb.mean;
+  const typename G::Adjoint Ad = T_a_b.inverse().adjoint();
+  return RelativePrior<G>{T_a_b, symmetrised(Ad * pa.covariance * Ad.transpose() + pb.covariance)};
+}
+
+template <class G>
+Batch<G> batch_of(const FactStore<G>& store, const Key& anchor) {
+  Batch<G> batch{anchor, {}};
+  const auto& chain = store.chains().at(anchor.chain);
+  if (const auto it = chain.batches.find(anchor.index); it != chain.batches.end())
+    for (const std::uint32_t index : it->second) batch.landmarks.push_back(chain.landmarks.at(index));
+  return batch;
+}
+
+template <class G>
+IndividualCompatibility<G>::IndividualCompatibility(const std::optional<RelativePrior<G>>& prior,
+                                                    const ConstraintParams& params)
+    : prior_(prior), threshold_(chi2_quantile(params.compatibility, G::Dim)) {}
+
+template <class G>
+bool IndividualCompatibility<G>::operator()(const LandmarkFact<G>& i, const LandmarkFact<G>& j) const {
+  if (!prior_) return true;
+  const typename G::PointJacobian H = prior_->mean.act_jacobian(j.position);
+  const auto R = prior_->mean.rotation();
+  const typename G::Point nu = i.position - prior_->mean * j.position;  // eq. 5
+  const typename G::PointCovariance C =
+      i.covariance + R * j.covariance * R.transpose() + H * prior_->covariance * H.transpose();
+  return squared_mahalanobis(nu, C) < threshold_;
+}
+
+template <class G>
+DistanceTable::DistanceTable(const Batch<G>& batch)
+    : n_(batch.landmarks.size()), distance_(n_ * n_, 0.0), variance_(n_ * n_, 0.0) {
+  for (std::size_t i = 0; i < n_; ++i)
+    for (std::size_t j = 0; j < n_; ++j) {
+      const typename G::Point d = batch.landmarks[i].position - batch.landmarks[j].position;
+      const double length = d.norm();
+      if (i == j || length == 0.0) continue;
+      const typename G::Loading L = batch.landmarks[i].loading - batch.landmarks[j].loading;
+      const typename G::PointCovariance S =
+          batch.landmarks[i].own_covariance() + batch.landmarks[j].own_covariance() + L * L.transpose();
+      distance_[i * n_ + j] = length;
+      variance_[i * n_ + j] = d.dot(S * d) / (length * length);
+    }
+}
+
+DistanceCompatibility::DistanceCompatibility(const DistanceTable& a, const DistanceTable& b,
+                                             const ConstraintParams& params)
+    : a_(a), b_(b), threshold_(chi2_quantile(params.distance, 1)), min_distance_m_(params.min_distance_m) {}
+
+bool DistanceCompatibility::operator()(int i1, int j1, int i2, int j2) const {
+  if (i1 == i2 || j1 == j2) return false;
+  const double da = a_.distance(i1, i2), db = b_.distance(j1, j2);
+  if (da < min_distance_m_ || db < min_distance_m_) return false;
+  const double difference = da - db;
+  return difference * difference < threshold_ * (a_.variance(i1, i2) + b_.variance(j1, j2));
+}
+
+#define CONVOY_INSTANTIATE(G)                                                                                  \
+  template std::optional<RelativePrior<G>> relative_prior(const FactStore<G>&, const Key&, const Key&);        \
+  template bool complete(const FactStore<G>&, const Key&);                                                     \
+  template Batch<G> batch_of(const FactStore<G>&, const Key&);                                                 \
+  template class IndividualCompatibility<G>;                                                                   \
+  template DistanceTable::DistanceTable(const Batch<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

@@ -1,0 +1,90 @@
+// Constraints of the association (paper, Section IV), apart from the search that uses them.
+//
+// Two batches are compared: landmarks i of batch a, landmarks j of batch b, each in the frame of its own anchor. What is
+// known beforehand of the relative pose of the anchors comes from the static biases and the drift alone, never from the
+// fused map, so that anyone who holds the facts finds the same associations.
+#pragma once
+
+#include <convoy/submap/fact_store.hpp>
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+namespace convoy {
+
+struct ConstraintParams {
+  double compatibility = 0.99;   ///< chi-square confidence of eq. 5; the paper uses 0.95
+  double distance = 0.99;        ///< confidence that two distances are the same, 1 dof, from both covariances
+  double min_distance_m = 0.3;   ///< pairs closer than this say nothing about geometry and are not compared
+};
+
+/// The landmarks of one anchor, in index order.
+template <class G>
+struct Batch {
+  Key anchor;
+  std::vector<LandmarkFact<G>> landmarks;
+};
+
+/// T_a_b with the covariance of a right perturbation.
+template <class G>
+struct RelativePrior {
+  G mean;
+  typename G::Covariance covariance = G::Covariance::Zero();
+};
+
+/// What the facts of the two chains say about T_a_b before any association: the drift chain within one chain, both
+/// static biases and both drift chains between two; nothing if a start is unknown. All needed facts must be held.
+template <class G>
+std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const Key& anchor_a, const Key& anchor_b);
+
+/// True if all facts that an association of this batch depends on are held: its anchor, every landmark of it, and the
+/// static bias of its chain. Before that, nobody may associate it: the result would depend on what came first.
+template <class G>
+bool complete(const FactStore<G>& store, const Key& anchor);
+
+/// Batch `anchor` from the store, landmarks held so far.
+template <class G>
+Batch<G> batch_of(const FactStore<G>& store, const Key& anchor);
+
+/// Unary constraint: eq. 5, nu^T C^-1 nu < chi2(d, alpha), with nu = l_i - T_a_b l_j and the covariances of both
+/// landmarks and of T_a_b in C; descriptors of one kind must not contradict. No prior: everything is compatible.
+template <class G>
+class IndividualCompatibility {
+ public:
+  IndividualCompatibility(const std::optional<RelativePrior<G>>& prior, const ConstraintParams& params);
+  bool operator()(const LandmarkFact<G>& i, const LandmarkFact<G>& j) const;
+
+ private:
+  std::optional<RelativePrior<G>> prior_;
+  double threshold_;
+};
+
+/// Distances between the landmarks of one batch and their variances, computed once.
+class DistanceTable {
+ public:
+  template <class G>
+  explicit DistanceTable(const Batch<G>& batch);
+  double distance(int i, int j) const { return distance_[at(i, j)]; }
+  double variance(int i, int j) const { return variance_[at(i, j)]; }
+
+ private:
+  std::size_t at(int i, int j) const { return static_cast<std::size_t>(i) * n_ + static_cast<std::size_t>(j); }
+  std::size_t n_;
+  std::vector<double> distance_, variance_;
+};
+
+/// Binary constraint: the distance of i1, i2 in batch a equals that of j1, j2 in batch b.
+class DistanceCompatibility {
+ public:
+  DistanceCompatibility(const DistanceTable& a, const DistanceTable& b, const ConstraintParams& params);
+  bool operator()(int i1, int j1, int i2, int j2) const;
+
+ private:
+  const DistanceTable& a_;
+  const DistanceTable& b_;
+  double threshold_;
+  double min_distance_m_;
+};
+
+}  // namespace convoy

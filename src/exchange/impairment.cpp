@@ -1,0 +1,81 @@
+#include <convoy/config_error.hpp>
+#include <convoy/exchange/impairment.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <cstdlib>
+#include <string>
+
+namespace convoy {
+
+Impairment Impairment::parse(std::string_view text) {
+  Impairment result;
+  const std::string all(text);
+  for (std::size_t at = 0; at < all.size();) {
+    const std::size_t end = std::min(all.find(',', at), all.size());
+    const std::string entry = all.substr(at, end - at);
+    at = end + 1;
+    const std::size_t equals = entry.find('=');
+    const std::string name = entry.substr(0, equals);
+    char* rest = nullptr;
+    const char* digits = equals == std::string::npos ? "" : entry.c_str() + equals + 1;
+    const double value = std::strtod(digits, &rest);
+    const bool number = rest != digits && *rest == '\0' && value >= 0.0 && value < 1e18;
+    const bool share = number && value <= 1.0;
+    if (name == "loss" && share && value < 1.0) result.loss = value;
+    else if (name == "duplicate" && share) result.duplicate = value;
+    else if (name == "delay" && number) result.delay_s = value;
+    else if (name == "jitter" && number) result.jitter_s = value;
+    else if (name == "seed" && number) result.seed = static_cast<std::uint64_t>(value);
+    else
+      throw ConfigError("impairment '" + all + "': cannot use '" + entry +
+                        "'; write loss=0..1,duplicate=0..1,delay=SECONDS,jitter=SECONDS,seed=N");
+  }
+  return result;
+}
+
+template <class G>
+double ImpairedQueue<G>::uniform() {
+  return static_cast<double>(random_() >> 11) * 0x1.0p-53;  // the same on every platform, unlike std distributions
+}
+
+template <class G>
+void ImpairedQueue<G>::push(Message<G> message, double now_s) {
+  const int copies = uniform() < impairment_.duplicate ? 2 : 1;
+  for (int i = 0; i < copies; ++i) {
+    if (uniform() < impairment_.loss) {
+      ++lost_;
+      continue;
+    }
+    due_.emplace(now_s + impairment_.delay_s + impairment_.jitter_s * uniform(), message);
+  }
+}
+
+template <class G>
+std::vector<Message<G>> ImpairedQueue<G>::take(double now_s) {
+  std::vector<Message<G>> out;
+  while (!due_.empty() && due_.begin()->first <= now_s) {
+    out.push_back(std::move(due_.begin()->second));
+    due_.erase(due_.begin());
+  }
+  return out;
+}
+
+template <class G>
+std::vector<Message<G>> ImpairedExchange<G>::take(double now_s) {
+  for (Message<G>& message : inner_->take(now_s)) queue_.push(std::move(message), now_s);
+  return queue_.take(now_s);
+}
+
+template <class G>
+ExchangeCounters ImpairedExchange<G>::counters() const {
+  ExchangeCounters counters = inner_->counters();
+  counters.dropped += queue_.lost();
+  return counters;
+}
+
+#define CONVOY_INSTANTIATE(G)      \
+  template class ImpairedQueue<G>; \
+  template class ImpairedExchange<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

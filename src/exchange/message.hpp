@@ -1,0 +1,74 @@
+// What crosses the exchange: facts, the live pose (a last value, not a fact), and the two messages of the repair
+// protocol. One alternative of Payload is one topic of the middleware.
+#pragma once
+
+#include <convoy/submap/fact_store.hpp>
+#include <convoy/submap/facts.hpp>
+
+#include <cstdint>
+#include <variant>
+#include <vector>
+
+namespace convoy {
+
+/// How far the pose of a vehicle can be trusted, with the reasons (bit set) when it cannot.
+enum class Integrity : std::uint8_t {
+  unaligned = 0,  ///< not yet in the common frame
+  ok = 1,
+  suspect = 2,    ///< see IntegrityReason
+};
+const char* to_string(Integrity integrity);
+
+enum IntegrityReason : std::uint32_t {
+  reason_none = 0,
+  reason_innovation = 1U << 0,     ///< residuals of the map lie outside their chi-square band
+  reason_disagreement = 1U << 1,   ///< a peer holds the same facts and reports another map
+  reason_stale_peer = 1U << 2,     ///< nothing heard of the vehicle for longer than the limit
+  reason_equivocation = 1U << 3,   ///< the vehicle used a key twice with different contents
+  reason_missing_facts = 1U << 4,  ///< facts are known to exist that have not arrived
+};
+
+/// Landmarks frozen together, in the frame of one anchor (all of one chain, same `anchor`).
+template <class G>
+struct LandmarkBatch {
+  std::vector<LandmarkFact<G>> landmarks;
+};
+
+/// Where a vehicle is now, relative to its last anchor.
+template <class G>
+struct LivePose {
+  ChainId chain;
+  std::uint32_t anchor = 0;  ///< index of the anchor that `state` continues
+  ChainState<G> state;
+  Integrity integrity = Integrity::unaligned;
+  std::uint32_t reasons = reason_none;
+};
+
+/// "Send me these again", to whoever holds them.
+struct Request {
+  ChainId target;
+  FactKind kind = FactKind::anchor;
+  std::vector<IndexRange> ranges;
+};
+
+/// What the sender knows. High-water marks make lost tails visible; equal `facts` with unequal `map` is an alarm.
+struct Digest {
+  std::uint8_t dimension = 2;  ///< 2: SE(2) fleet, 3: SE(3) fleet
+  std::vector<ChainMark> marks;
+  Hash facts = 0;      ///< FactStore::digest()
+  Hash selection = 0;  ///< Selection::digest of the last solved map
+  Hash map = 0;        ///< Map::digest() of the last solved map
+  Hash map_facts = 0;  ///< FactStore::digest() that map was solved from
+};
+
+template <class G>
+using Payload = std::variant<AnchorFact<G>, LandmarkBatch<G>, PriorFact<G>, AssociationFact, VerdictFact, LivePose<G>,
+                             Request, Digest>;
+
+template <class G>
+struct Message {
+  ChainId sender;  ///< who put it on the wire; not always who wrote the facts in it
+  Payload<G> payload;
+};
+
+}  // namespace convoy

@@ -1,0 +1,45 @@
+// SubmapExchange: the only seam between vehicles (paper, Fig. 4: the arrows between the submaps). The middleware
+// implements it, and an in-process network does for tests; one battery of contract tests runs on every implementation.
+#pragma once
+
+#include <convoy/exchange/message.hpp>
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace convoy {
+
+enum class SendStatus : std::uint8_t {
+  sent,      ///< handed to the network; that says nothing about who got it
+  rejected,  ///< the network would not take it now (full, blocked); the repair protocol makes up for it
+  closed,    ///< the exchange is not open
+};
+
+/// Counters of one exchange, all since it was opened.
+struct ExchangeCounters {
+  std::uint64_t messages_sent = 0;
+  std::uint64_t messages_taken = 0;
+  std::uint64_t bytes_sent = 0;      ///< on the wire where the network can tell, with every overhead; else 0
+  std::uint64_t send_rejected = 0;
+  std::uint64_t undecodable = 0;     ///< samples that could not be decoded
+  std::uint64_t hostile = 0;         ///< decoded, but beyond the bounds of the wire format
+  std::uint64_t dropped = 0;         ///< lost on purpose by an impairment, or for want of room in the queue
+};
+
+template <class G>
+class SubmapExchange {
+ public:
+  virtual ~SubmapExchange() = default;
+
+  /// Offers a message to all peers. Never blocks longer than the implementation states; never throws.
+  [[nodiscard]] virtual SendStatus send(const Message<G>& message) = 0;
+
+  /// All messages that have come in by `now_s` (the caller's clock), in order of arrival; never one's own. Does not
+  /// block.
+  virtual std::vector<Message<G>> take(double now_s) = 0;
+
+  virtual ExchangeCounters counters() const = 0;
+};
+
+}  // namespace convoy

@@ -1,0 +1,61 @@
+// FrontEnd: the seam to a vehicle's own ("low-level") SLAM, whatever it is (paper, Section III: "any sensor and filtering
+// method as long as it furnishes accurate landmarks and their uncertainties along with vehicle information").
+//
+// What a front end promises, checked by the contract tests:
+// - each landmark is exported once, in a segment, and has left the SLAM then: a later sighting is a new landmark;
+// - landmark covariances are relative to the closing anchor, never to the start frame (DESIGN B3);
+// - stamps and abscissa never decrease, nor does slam_drift from anchor to anchor (between anchors a SLAM may regain some
+//   of what it lost); poses are in the start frame of the epoch, whose first pose is the identity.
+#pragma once
+
+#include <convoy/submap/facts.hpp>
+
+#include <vector>
+
+namespace convoy {
+
+template <class G>
+struct FrontEndState {
+  double stamp_s = 0.0;
+  double abscissa_m = 0.0;
+  G pose;  ///< T_slam_body
+  /// Cumulative covariance of the SLAM's own motion error, slam frame: sum over the anchors passed of
+  /// Ad_{X^_k} S_k Ad_{X^_k}^T, with S_k the covariance of the relative pose between neighbouring anchors (right
+  /// perturbation), plus the part since the last one. Zero from a black box that states none.
+  typename G::Covariance slam_drift = G::Covariance::Zero();
+};
+
+template <class G>
+struct FrozenLandmark {
+  typename G::Point position = G::Point::Zero();  ///< in the closing anchor's frame [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< relative to the closing anchor [m^2]
+  typename G::Loading loading = G::Loading::Zero();  ///< shared part of the error, see LandmarkFact; zero: none stated
+  Descriptor descriptor;
+  std::uint64_t track = 0;  ///< the front end's own name for what it followed; never leaves the vehicle
+};
+
+/// Splits the joint covariance of a batch (Dim n x Dim n, positive semidefinite) into the loadings of each landmark: the
+/// G::Shared strongest components that they have in common. Exact in every landmark's own block.
+template <class G>
+std::vector<typename G::Loading> shared_loadings(const Eigen::MatrixXd& joint);
+
+/// A piece of the path with the landmarks that converged on it, all in the frame of its closing anchor.
+template <class G>
+struct Segment {
+  FrontEndState<G> closing;
+  /// States along the segment, in order, as the SLAM knows them now that it has closed (smoothed); may be empty. What
+  /// state() said then was filtered only.
+  std::vector<FrontEndState<G>> trail;
+  std::vector<FrozenLandmark<G>> landmarks;
+};
+
+template <class G>
+class FrontEnd {
+ public:
+  virtual ~FrontEnd() = default;
+  virtual FrontEndState<G> state() const = 0;
+  /// Segments closed since the last call, oldest first; none closes later than state().
+  virtual std::vector<Segment<G>> take_segments() = 0;
+};
+
+}  // namespace convoy

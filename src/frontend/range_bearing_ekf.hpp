@@ -1,0 +1,140 @@
+// A planar range-bearing EKF-SLAM with odometry: right-invariant error state, landmarks frozen at closing anchors.
+//
+// The filter lives in the frame of its last anchor, so that its covariances are relative to it and stay small however
+// far the vehicle has come. Error state (DESIGN B3): X = Exp(xi) X^ for the pose, l = R(xi_theta) l^ + xi_l for a
+// landmark, xi = (rho, theta, l_1, l_2, ..., c_1, c_2, ...), with clones c of past poses that are smoothed along. In these coordinates F = I, a sighting sees R^T (xi_l - xi_rho) and no
+// heading, so that the heading, which nothing observes, gains no information from moving linearisation points.
+#pragma once
+
+#include <convoy/frontend/front_end.hpp>
+#include <convoy/geometry/se2.hpp>
+
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <vector>
+
+namespace convoy {
+
+struct RangeBearingEkfParams {
+  // Odometry noise, one standard deviation.
+  double sigma_along_per_sqrt_m = 0.05;     ///< [m/sqrt(m)] along the path, of the distance driven
+  double sigma_along_per_sqrt_rad = 0.0;    ///< [m/sqrt(rad)] along the path, of the angle turned
+  double sigma_across_per_sqrt_m = 0.01;    ///< [m/sqrt(m)] sideways
+  double sigma_heading_per_sqrt_m = 0.01;   ///< [rad/sqrt(m)] of the distance driven
+  double sigma_heading_per_sqrt_rad = 0.05; ///< [rad/sqrt(rad)] of the angle turned
+  double sigma_heading_per_sqrt_s = 0.0;    ///< [rad/sqrt(s)] while moving
+  double distance_scale = 1.0;              ///< calibration: true distance per metre of odometry, > 0
+  double angle_scale = 1.0;                 ///< calibration: true angle per radian of odometry, > 0
+  // Sighting noise, one standard deviation.
+  double sigma_range_m = 0.1;               ///< constant part
+  double sigma_range_share = 0.0;           ///< part proportional to the range
+  double sigma_bearing_rad = 0.02;
+  double min_sighting_interval_s = 0.0;     ///< sightings of a track closer than this share their errors: not used
+  // Tracking.
+  double gate = 0.99;                       ///< chi-square confidence of a sighting, 2 dof
+  int max_rejections = 5;                   ///< in a row, then the track is dropped and starts anew
+  double min_range_m = 0.1, max_range_m = 100.0;  ///< sightings beyond are refused
+  double max_odometry_gap_s = 2.0;          ///< a longer silence of the odometry counts as this long
+  // Freeze rule: a landmark may leave when all hold (DESIGN B3).
+  int min_sightings = 6;
+  double min_parallax_rad = 0.15;           ///< between the rays it was seen along
+  double max_sigma_m = 0.4;                 ///< largest axis of its covariance relative to the closing anchor
+  double nis_confidence = 0.99;             ///< its last innovations lie within this chi-square bound
+  int nis_window = 10;
+  // Segments.
+  double segment_length_m = 25.0;           ///< a segment closes at the first moment after this length with ...
+  int min_batch = 6;                        ///< ... at least so many landmarks that may leave,
+  double max_segment_length_m = 60.0;       ///< or after this length with whatever there is
+  double trail_spacing_m = 1.0;             ///< path between two states of Segment::trail; 0: no trail
+};
+
+/// Throws ConfigError when a value is out of its range.
+void validate(const RangeBearingEkfParams& params);
+
+/// Inputs that were not used, by reason.
+struct RangeBearingEkfCounters {
+  std::uint64_t sightings_used = 0;
+  std::uint64_t sightings_thinned = 0;    ///< sooner than min_sighting_interval_s after the last of the same track
+  std::uint64_t sightings_gated = 0;      ///< beyond the chi-square gate
+  std::uint64_t sightings_invalid = 0;    ///< not finite, out of range, or older than the filter
+  std::uint64_t odometry_invalid = 0;     ///< not finite or going back in time
+  std::uint64_t tracks_dropped = 0;       ///< after too many rejections
+  std::uint64_t landmarks_frozen = 0;
+};
+
+class RangeBearingEkf final : public FrontEnd<SE2> {
+ public:
+  explicit RangeBearingEkf(const RangeBearingEkfParams& params);
+
+  /// From `stamp_s` on the vehicle moves at v [m/s] forward and omega [rad/s] to the left, until the next call.
+  /// Returns false and counts if the input is refused.
+  bool on_odometry(double stamp_s, double v_mps, double omega_radps);
+
+  /// Landmark `track` (a name that lasts as long as the tracker follows it) was seen at this range [m] and bearing
+  /// [rad, left positive]. Moves the filter to `stamp_s` first. Returns false if the sighting was not used.
+  bool on_sighting(double stamp_s, std::uint64_t track, double range_m, double bearing_rad);
+
+  /// Closes the segment here and now, with whatever may leave: at the end of a run, or before a long stop.
+  void finish() { close_segment(freezable()); }
+
+  FrontEndState<SE2> state() const override;
+  std::vector<Segment<SE2>> take_segments() override;
+  const RangeBearingEkfCounters& counters() const { return counters_; }
+  std::size_t tracked() const { return tracks_.size(); }
+
+ private:
+  struct Track {
+    std::uint64_t id = 0;
+    Eigen::Vector2d position;              // frame of the last anchor
+    double last_s = 0.0;                   // time of the last sighting that was used
+    int sightings = 0;
+    int rejections = 0;                    // in a row
+    double ray_low = 0.0, ray_high = 0.0;  // directions it was seen along, relative to the first one
+    double first_ray = 0.0;                // frame of the last anchor
+    std::vector<double> nis;               // latest, at most nis_window
+  };
+
+  struct Clone {
+    double stamp_s, abscissa_m;
+    SE2 pose;  // T_anchor_body
+  };
+
+  void advance_to(double stamp_s);
+  void move(double distance_m, double angle_rad, double dt_s);
+  void add_track(std::uint64_t id, double range_m, double bearing_rad);
+  bool update(std::size_t track, double range_m, double bearing_rad);
+  void correct(const Eigen::MatrixXd& H, const Eigen::Vector2d& innovation, const Eigen::Matrix2d& S);
+  void note_ray(Track& track, double bearing_rad) const;
+  void drop(const std::vector<std::size_t>& tracks);
+  void clone_if_due();
+  FrontEndState<SE2> state_of(double stamp_s, double abscissa_m, const SE2& pose, const SE2::Covariance& P) const;
+  Eigen::Matrix2d sighting_noise(double range_m) const;
+  Eigen::MatrixXd relative_covariance(const std::vector<std::size_t>& tracks) const;  // to the current pose
+  bool may_freeze(std::size_t track) const;
+  std::vector<std::size_t> freezable() const;
+  void close_segment_if_due();
+  void close_segment(const std::vector<std::size_t>& frozen);
+  void rebase();
+  static Eigen::Index column(std::size_t track) { return 3 + 2 * static_cast<Eigen::Index>(track); }
+  Eigen::Index clone_column(std::size_t clone) const {
+    return column(tracks_.size()) + 3 * static_cast<Eigen::Index>(clone);
+  }
+
+  RangeBearingEkfParams params_;
+  double gate_chi2_ = 0.0;
+  std::optional<double> stamp_s_;
+  double v_mps_ = 0.0, omega_radps_ = 0.0;
+  SE2 anchor_;                 // T_slam_anchor of the last anchor
+  SE2 pose_;                   // T_anchor_body
+  double abscissa_m_ = 0.0;
+  double anchor_abscissa_m_ = 0.0;
+  SE2::Covariance anchor_drift_ = SE2::Covariance::Zero();  // cumulative up to the last anchor, slam frame
+  std::vector<Track> tracks_;
+  std::vector<Clone> clones_;  // of this segment
+  Eigen::MatrixXd P_;          // (3 + 2 tracks + 3 clones)^2, error state in the order above, frame of the last anchor
+  std::vector<Segment<SE2>> segments_;
+  RangeBearingEkfCounters counters_;
+};
+
+}  // namespace convoy

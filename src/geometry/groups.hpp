@@ -1,0 +1,17 @@
+// The groups convoy is built for. Every template of the core is instantiated for exactly these.
+#pragma once
+
+#include <convoy/geometry/se2.hpp>
+
+/// Expands MACRO(G) once per group.
+#define CONVOY_FOR_EACH_GROUP(MACRO) MACRO(::convoy::SE2)
+
+namespace convoy {
+
+/// Feeds the coordinates of a group element to a content hash.
+template <class HashLike>
+void add_group(HashLike& hash, const SE2& T) {
+  hash.add(T.translation()).add(T.theta());
+}
+
+}  // namespace convoy

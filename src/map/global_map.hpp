@@ -1,0 +1,23 @@
+// The global map: map = F(set of facts) (paper, Fig. 3; DESIGN B4). Select, solve, drop what contradicts, repeat.
+#pragma once
+
+#include <convoy/map/map.hpp>
+#include <convoy/map/selection.hpp>
+
+#include <memory>
+
+namespace convoy {
+
+template <class G>
+struct GlobalMap {
+  Hash facts = 0;  ///< FactStore::digest() it was built from
+  Selection<G> selection;
+  std::unique_ptr<Map<G>> map;
+};
+
+/// Never null: an empty store gives an empty map. The most contradicting hypothesis (r^T Z^-1 r of its own alignment
+/// against the map, beyond `map_residual`) is dropped, one at a time, until none is left.
+template <class G>
+GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
+
+}  // namespace convoy

@@ -1,0 +1,102 @@
+// Map: the poses of all vehicles and the landmarks in the common frame, with covariances: a function of the facts.
+#pragma once
+
+#include <convoy/map/problem.hpp>
+
+#include <Eigen/Core>
+#include <memory>
+#include <optional>
+#include <vector>
+
+namespace convoy {
+
+template <class G>
+struct Estimate {
+  G mean;                                                     ///< T_common_body
+  typename G::Covariance covariance = G::Covariance::Zero();  ///< of a right perturbation
+};
+
+template <class G>
+struct PointEstimate {
+  typename G::Point mean = G::Point::Zero();  ///< common frame [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();
+};
+
+/// What a backend keeps to answer for covariances. Indices are those of Problem::nodes and Problem::points.
+template <class G>
+class CovarianceSource {
+ public:
+  virtual ~CovarianceSource() = default;
+  /// Cov(d_a, d_b) of right perturbations. Dof x Dof.
+  virtual typename G::Covariance nodes(int a, int b) = 0;
+  virtual typename G::PointCovariance point(int p) = 0;
+};
+
+/// How a solution was reached.
+struct SolveReport {
+  int iterations = 0;
+  bool converged = false;
+  double chi2 = 0.0;  ///< twice the cost at the solution
+  int dof = 0;        ///< residuals minus unknowns
+};
+
+/// One solved map. Not thread-safe: covariances are computed when asked for.
+template <class G>
+class Map {
+ public:
+  Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points, SolveReport report,
+      std::unique_ptr<CovarianceSource<G>> covariances);
+
+  /// True if the chain is known and expressed in the common frame.
+  bool aligned(const ChainId& chain) const;
+
+  /// The pose where a vehicle's SLAM said `state`, corrected: extrapolated from the last node before it, or smoothed
+  /// between two. O(1) in the length of the chain up to the search for the nodes. Empty if the chain is unknown.
+  std::optional<Estimate<G>> pose(const ChainId& chain, const ChainState<G>& state);
+
+  /// Joint covariance of two such poses, (d_a, d_b): 2 Dof x 2 Dof. Empty if one of the chains is unknown.
+  std::optional<Eigen::Matrix<double, 2 * G::Dof, 2 * G::Dof>> joint_covariance(const ChainId& chain_a,
+                                                                                const ChainState<G>& state_a,
+                                                                                const ChainId& chain_b,
+                                                                                const ChainState<G>& state_b);
+
+  /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
+  std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
+
+  /// The solved point of class `index` of the selection.
+  PointEstimate<G> class_point(int index);
+
+  const Problem<G>& problem() const { return problem_; }
+  const std::vector<G>& poses() const { return poses_; }  ///< of Problem::nodes
+  const SolveReport& report() const { return report_; }
+  /// Hash of every pose and point to the bit. Equal for equal facts.
+  Hash digest() const { return digest_; }
+
+ private:
+  // d_pose = A d_first + B d_second + noise, by the nodes around it.
+  struct Placement {
+    int first = 0, second = -1;  // nodes; -1: none
+    G mean;
+    typename G::Covariance A = G::Covariance::Zero(), B = G::Covariance::Zero(), noise = G::Covariance::Zero();
+  };
+  const ChainSpan* span(const ChainId& chain) const;
+  Placement place(const ChainSpan& span, const ChainState<G>& state) const;
+  typename G::Covariance covariance(const Placement& a, const Placement& b);
+
+  Problem<G> problem_;
+  std::vector<G> poses_;
+  std::vector<typename G::Point> points_;
+  SolveReport report_;
+  std::unique_ptr<CovarianceSource<G>> covariances_;
+  Hash digest_ = 0;
+};
+
+/// Solves a problem. Stateless: the same problem gives the same map, to the bit.
+template <class G>
+class Backend {
+ public:
+  virtual ~Backend() = default;
+  virtual std::unique_ptr<Map<G>> solve(Problem<G> problem) const = 0;
+};
+
+}  // namespace convoy

@@ -1,0 +1,65 @@
+// The estimation problem that a selection of facts amounts to (DESIGN B1.3): poses of anchors, points of classes, and
+// one factor per fact that says something about them. What every backend solves, and where each starts from.
+#pragma once
+
+#include <convoy/map/selection.hpp>
+
+#include <vector>
+
+namespace convoy {
+
+/// An anchor that carries factors. Anchors without any need no node: the drift between two nodes is exact (thinning).
+template <class G>
+struct Node {
+  Key anchor;
+  ChainState<G> slam;
+  G initial;  ///< T_common_anchor to start from: canonical, so that the result does not depend on history
+};
+
+/// F0: T ~ mean * Exp(N(0, P)).
+template <class G>
+struct PriorFactor {
+  int node;
+  G mean;
+  typename G::Covariance covariance;
+};
+
+/// F1: T_b = T_a * motion * Exp(N(0, Q)).
+template <class G>
+struct DriftFactor {
+  int a, b;
+  G motion;
+  typename G::Covariance covariance;
+};
+
+/// F2: T_node^-1 m = l + N(0, S).
+template <class G>
+struct LandmarkFactor {
+  int node, point;
+  Key landmark;
+  typename G::Point position;
+  typename G::PointCovariance covariance;
+};
+
+struct ChainSpan {
+  ChainId chain;
+  int first = 0, end = 0;  ///< its nodes; the first is the start of the epoch, index 0
+  bool aligned = false;    ///< expressed in the common frame; else in a frame of its own
+};
+
+template <class G>
+struct Problem {
+  std::vector<ChainSpan> chains;
+  std::vector<Node<G>> nodes;                 ///< chains in canonical order, each in index order
+  std::vector<typename G::Point> points;      ///< start values, one per class of the selection, same order
+  std::vector<PriorFactor<G>> priors;
+  std::vector<DriftFactor<G>> drifts;
+  std::vector<LandmarkFactor<G>> landmarks;
+};
+
+/// The common frame: the one of the static biases if any is known; else the start of the smallest chain in the largest
+/// group of chains that accepted hypotheses connect. Chains outside keep a frame of their own and are not aligned.
+template <class G>
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection);
+
+}  // namespace convoy

@@ -1,0 +1,52 @@
+// Selection: which hypotheses enter the map, and the classes of landmarks they amount to. A deterministic function of
+// the set of facts (DESIGN B4): everybody who holds the same facts selects the same.
+#pragma once
+
+#include <convoy/association/alignment.hpp>
+#include <convoy/submap/fact_store.hpp>
+
+#include <set>
+#include <vector>
+
+namespace convoy {
+
+struct SelectionParams {
+  int min_pairings = 5;
+  double residual = 0.99;     ///< chi-square confidence of a hypothesis' own alignment
+  double map_residual = 0.9999;  ///< confidence beyond which a hypothesis contradicts the solved map and is dropped
+};
+
+enum class HypothesisState : std::uint8_t {
+  accepted,
+  waiting,         ///< some of its landmarks or their anchors have not arrived
+  vetoed,          ///< an author's last verdict on it is a veto
+  malformed,       ///< not one-to-one between exactly two batches, or too few pairings
+  geometry,        ///< its pairs do not align within their covariances
+  class_conflict,  ///< it would make two landmarks of one batch the same
+  map_residual,    ///< it contradicts the rest of the map
+};
+inline constexpr int hypothesis_state_count = 7;
+const char* to_string(HypothesisState state);
+
+template <class G>
+struct Hypothesis {
+  Hash id = 0;
+  std::vector<Pairing> pairings;
+  ChainId author;  ///< the smallest chain that states it
+  HypothesisState state = HypothesisState::waiting;
+  Key batch_a, batch_b;    ///< anchors, a < b; the first landmark of each pairing is of a
+  Alignment<G> alignment;  ///< T_a_b from its pairs alone
+};
+
+template <class G>
+struct Selection {
+  std::vector<Hypothesis<G>> hypotheses;  ///< all stated ones: most pairings first, then by id
+  std::vector<std::vector<Key>> classes;  ///< landmarks that are the same, two or more; sorted
+  Hash digest = 0;                        ///< of the classes
+};
+
+/// `excluded`: hypotheses that the map has already shown to contradict it.
+template <class G>
+Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const std::set<Hash>& excluded = {});
+
+}  // namespace convoy

@@ -1,0 +1,213 @@
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+#include <convoy/map/sparse_map.hpp>
+
+#include <Eigen/Sparse>
+#include <Eigen/SparseCholesky>
+#include <map>
+
+namespace convoy {
+namespace {
+
+using SparseMatrix = Eigen::SparseMatrix<double>;
+using Factor = Eigen::SimplicialLDLT<SparseMatrix, Eigen::Lower, Eigen::AMDOrdering<int>>;
+
+// Columns of H^-1 are solved for when first asked.
+template <class G>
+class SparseCovariance final : public CovarianceSource<G> {
+ public:
+  SparseCovariance(std::unique_ptr<Factor> factor, Eigen::Index size, int nodes)
+      : factor_(std::move(factor)), size_(size), nodes_(nodes) {}
+
+  typename G::Covariance nodes(int a, int b) override {
+    auto [it, fresh] = columns_.try_emplace(b);
+    if (fresh) it->second = columns(G::Dof * b, G::Dof);
+    return it->second.template middleRows<G::Dof>(G::Dof * a);
+  }
+
+  typename G::PointCovariance point(int p) override {
+    const Eigen::Index at = G::Dof * nodes_ + G::Dim * p;
+    return symmetrised(typename G::PointCovariance(columns(at, G::Dim).template middleRows<G::Dim>(at)));
+  }
+
+ private:
+  Eigen::MatrixXd columns(Eigen::Index first, Eigen::Index count) const {
+    Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(size_, count);
+    unit.middleRows(first, count).setIdentity();
+    return factor_->solve(unit);
+  }
+
+  std::unique_ptr<Factor> factor_;
+  Eigen::Index size_;
+  int nodes_;
+  std::map<int, Eigen::MatrixXd> columns_;
+};
+
+// The normal equations of a problem at an estimate.
+template <class G>
+class NormalEquations {
+ public:
+  explicit NormalEquations(const Problem<G>& problem)
+      : problem_(problem), nodes_(static_cast<int>(problem.nodes.size())),
+        size_(G::Dof * nodes_ + G::Dim * static_cast<Eigen::Index>(problem.points.size())) {
+    for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
+    for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
+    for (const auto& f : problem.landmarks) landmark_information_.push_back(f.covariance.inverse());
+  }
+
+  Eigen::Index size() const { return size_; }
+
+  /// r^T W r summed over all factors; with `assemble`, H = J^T W J (lower triangle) and g = -J^T W r too.
+  double linearise(const std::vector<G>& poses, const std::vector<typename G::Point>& points, bool assemble) {
+    if (assemble) {
+      triplets_.clear();
+      gradient_ = Eigen::VectorXd::Zero(size_);
+    }
+    double chi2 = 0.0;
+    for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses, assemble);
+    for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses, assemble);
+    for (std::size_t k = 0; k < problem_.landmarks.size(); ++k) chi2 += landmark(k, poses, points, assemble);
+    return chi2;
+  }
+
+  SparseMatrix hessian() const {
+    SparseMatrix H(size_, size_);
+    H.setFromTriplets(triplets_.begin(), triplets_.end());
+    return H;
+  }
+  const Eigen::VectorXd& gradient() const { return gradient_; }
+
+  int residuals() const {
+    return G::Dof * static_cast<int>(problem_.priors.size() + problem_.drifts.size()) +
+           G::Dim * static_cast<int>(problem_.landmarks.size());
+  }
+
+ private:
+  using Dof = typename G::Covariance;
+  using Tangent = typename G::Tangent;
+
+  Eigen::Index node(int n) const { return G::Dof * n; }
+  Eigen::Index point(int p) const { return G::Dof * nodes_ + G::Dim * p; }
+
+  template <class Block>
+  void add_block(Eigen::Index row, Eigen::Index col, const Block& block) {
+    for (Eigen::Index c = 0; c < block.cols(); ++c)
+      for (Eigen::Index r = 0; r < block.rows(); ++r)
+        if (row + r >= col + c) triplets_.emplace_back(row + r, col + c, block(r, c));
+  }
+
+  double prior(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F0
+    const PriorFactor<G>& f = problem_.priors[k];
+    const Dof& W = prior_information_[k];
+    const Tangent r = (f.mean.inverse() * poses[static_cast<std::size_t>(f.node)]).Log();
+    if (assemble) {
+      const Dof J = G::right_jacobian_inverse(r);
+      add_block(node(f.node), node(f.node), Dof(J.transpose() * W * J));
+      gradient_.segment<G::Dof>(node(f.node)) -= J.transpose() * W * r;
+    }
+    return r.dot(W * r);
+  }
+
+  double drift(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F1
+    const DriftFactor<G>& f = problem_.drifts[k];
+    const Dof& W = drift_information_[k];
+    const G T_a_b = poses[static_cast<std::size_t>(f.a)].inverse() * poses[static_cast<std::size_t>(f.b)];
+    const Tangent r = (f.motion.inverse() * T_a_b).Log();
+    if (assemble) {
+      const Dof J_b = G::right_jacobian_inverse(r);
+      const Dof J_a = -J_b * T_a_b.inverse().adjoint();
+      add_block(node(f.a), node(f.a), Dof(J_a.transpose() * W * J_a));
+      add_block(node(f.b), node(f.a), Dof(J_b.transpose() * W * J_a));
+      add_block(node(f.b), node(f.b), Dof(J_b.transpose() * W * J_b));
+      gradient_.segment<G::Dof>(node(f.a)) -= J_a.transpose() * W * r;
+      gradient_.segment<G::Dof>(node(f.b)) -= J_b.transpose() * W * r;
+    }
+    return r.dot(W * r);
+  }
+
+  double landmark(std::size_t k, const std::vector<G>& poses, const std::vector<typename G::Point>& points,
+                  bool assemble) {  // F2
+    const LandmarkFactor<G>& f = problem_.landmarks[k];
+    const typename G::PointCovariance& W = landmark_information_[k];
+    const G& T = poses[static_cast<std::size_t>(f.node)];
+    const typename G::PointCovariance Rt = T.rotation().transpose();
+    const typename G::Point q = Rt * (points[static_cast<std::size_t>(f.point)] - T.translation());
+    const typename G::Point r = q - f.position;
+    if (assemble) {
+      const typename G::PointJacobian J_T = -G().act_jacobian(q);  // d(T^-1 m) = -[I, J q] d_T
+      add_block(node(f.node), node(f.node), Dof(J_T.transpose() * W * J_T));
+      add_block(point(f.point), node(f.node), typename G::PointJacobian(Rt.transpose() * W * J_T));
+      add_block(point(f.point), point(f.point), typename G::PointCovariance(Rt.transpose() * W * Rt));
+      gradient_.segment<G::Dof>(node(f.node)) -= J_T.transpose() * W * r;
+      gradient_.segment<G::Dim>(point(f.point)) -= Rt.transpose() * W * r;
+    }
+    return r.dot(W * r);
+  }
+
+  const Problem<G>& problem_;
+  int nodes_;
+  Eigen::Index size_;
+  std::vector<Dof> prior_information_, drift_information_;
+  std::vector<typename G::PointCovariance> landmark_information_;
+  std::vector<Eigen::Triplet<double>> triplets_;
+  Eigen::VectorXd gradient_;
+};
+
+}  // namespace
+
+template <class G>
+std::unique_ptr<Map<G>> SparseMap<G>::solve(Problem<G> problem) const {
+  NormalEquations<G> equations(problem);
+  std::vector<G> poses;
+  for (const Node<G>& node : problem.nodes) poses.push_back(node.initial);
+  std::vector<typename G::Point> points = problem.points;
+  auto factor = std::make_unique<Factor>();
+  SolveReport report;
+  double chi2 = equations.linearise(poses, points, true), damping = 0.0;
+  bool ordered = false;
+  while (equations.size() > 0 && report.iterations < params_.max_iterations) {
+    ++report.iterations;
+    SparseMatrix H = equations.hessian();
+    if (!ordered) factor->analyzePattern(H);
+    ordered = true;
+    if (damping > 0.0)
+      for (Eigen::Index i = 0; i < H.rows(); ++i) H.coeffRef(i, i) *= 1.0 + damping;
+    factor->factorize(H);
+    const Eigen::VectorXd step = factor->solve(equations.gradient());
+    const double length = step.dot(equations.gradient());
+    std::vector<G> moved = poses;
+    std::vector<typename G::Point> moved_points = points;
+    for (std::size_t n = 0; n < moved.size(); ++n)
+      moved[n] = moved[n] * G::Exp(step.segment<G::Dof>(G::Dof * static_cast<Eigen::Index>(n)));
+    const Eigen::Index offset = G::Dof * static_cast<Eigen::Index>(moved.size());
+    for (std::size_t p = 0; p < moved_points.size(); ++p)
+      moved_points[p] += step.segment<G::Dim>(offset + G::Dim * static_cast<Eigen::Index>(p));
+    const double moved_chi2 = equations.linearise(moved, moved_points, false);
+    const bool converged = length < params_.convergence;
+    if (factor->info() != Eigen::Success || !(moved_chi2 <= chi2 + 1e-9 * (1.0 + chi2))) {  // uphill: damp more
+      damping = damping == 0.0 ? 1e-4 : 10.0 * damping;
+      if (damping > 1e12) break;
+      continue;
+    }
+    poses = std::move(moved);
+    points = std::move(moved_points);
+    damping = damping < 1e-8 ? 0.0 : 0.1 * damping;
+    chi2 = equations.linearise(poses, points, true);
+    if (converged && damping == 0.0) {
+      report.converged = true;
+      break;
+    }
+  }
+  if (equations.size() > 0) factor->factorize(equations.hessian());
+  report.chi2 = chi2;
+  report.dof = equations.residuals() - static_cast<int>(equations.size());
+  auto covariances = std::make_unique<SparseCovariance<G>>(std::move(factor), equations.size(),
+                                                           static_cast<int>(problem.nodes.size()));
+  return std::make_unique<Map<G>>(std::move(problem), std::move(poses), std::move(points), report,
+                                  std::move(covariances));
+}
+
+#define CONVOY_INSTANTIATE(G) template class SparseMap<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

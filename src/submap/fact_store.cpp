@@ -1,0 +1,246 @@
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+#include <convoy/submap/content_hash.hpp>
+#include <convoy/submap/fact_store.hpp>
+
+#include <algorithm>
+#include <type_traits>
+
+namespace convoy {
+namespace {
+
+bool finite(const SE2& T) { return T.translation().allFinite() && std::isfinite(T.theta()); }
+
+template <class G>
+Insertion check_pose(const G& pose, const FactLimits& limits) {
+  if (!finite(pose)) return Insertion::not_finite;
+  if (pose.translation().cwiseAbs().maxCoeff() > limits.max_coordinate_m) return Insertion::out_of_range;
+  return Insertion::inserted;
+}
+
+template <class Matrix>
+Insertion check_covariance(const Matrix& P, const FactLimits& limits) {
+  if (!P.allFinite()) return Insertion::not_finite;
+  if (!is_covariance(P)) return Insertion::not_covariance;
+  if (P.diagonal().maxCoeff() > limits.max_sigma_m * limits.max_sigma_m) return Insertion::out_of_range;
+  return Insertion::inserted;
+}
+
+template <class... Rest>
+Insertion first_refusal(Insertion first, Rest... rest) {
+  if constexpr (sizeof...(rest) == 0) return first;
+  else return first != Insertion::inserted ? first : first_refusal(rest...);
+}
+
+}  // namespace
+
+const char* to_string(Insertion result) {
+  switch (result) {
+    case Insertion::inserted: return "inserted";
+    case Insertion::duplicate: return "duplicate";
+    case Insertion::conflict: return "conflict";
+    case Insertion::unknown_vehicle: return "unknown_vehicle";
+    case Insertion::not_finite: return "not_finite";
+    case Insertion::not_covariance: return "not_covariance";
+    case Insertion::out_of_range: return "out_of_range";
+    case Insertion::malformed: return "malformed";
+  }
+  return "unknown";
+}
+
+template <class G>
+Insertion FactStore<G>::count(Insertion result) {
+  ++insertions_[static_cast<std::size_t>(result)];
+  return result;
+}
+
+template <class G>
+Insertion FactStore<G>::check(const Key& key) const {
+  const auto& roster = limits_.roster;
+  if (key.chain.vehicle == 0) return Insertion::malformed;
+  if (!roster.empty() && std::find(roster.begin(), roster.end(), key.chain.vehicle) == roster.end())
+    return Insertion::unknown_vehicle;
+  return key.index <= limits_.max_index ? Insertion::inserted : Insertion::out_of_range;
+}
+
+template <class G>
+template <class Fact>
+Insertion FactStore<G>::keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check) {
+  if (check != Insertion::inserted) return count(check);
+  const Hash hash = hash_of(fact);
+  Chain& chain = chains_[fact.key.chain];
+  auto& held = chain.*sequence;
+  if (const auto it = held.find(fact.key.index); it != held.end()) {
+    if (hash_of(it->second) == hash) return count(Insertion::duplicate);
+    chain.equivocated = true;
+    return count(Insertion::conflict);
+  }
+  held.emplace(fact.key.index, fact);
+  ChainMark& mark = chain.marks[static_cast<std::size_t>(kind)];
+  mark.high_water = std::max(mark.high_water, fact.key.index + 1);
+  ++mark.count;
+  mark.hash += hash;
+  if constexpr (std::is_same_v<Fact, AssociationFact>) {
+    const Hash id = hypothesis_id(fact.pairings);
+    if (statements_[id]++ == 0) digest_ += id;
+  } else {
+    digest_ += hash;
+  }
+  ++revision_;
+  ++size_;
+  return count(Insertion::inserted);
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const AnchorFact<G>& f) {
+  const auto& s = f.state;
+  Insertion ok = first_refusal(check(f.key), check_pose(s.pose, limits_), check_covariance(s.drift, limits_));
+  if (ok == Insertion::inserted && !(std::isfinite(s.stamp_s) && std::isfinite(s.abscissa_m))) ok = Insertion::not_finite;
+  if (ok == Insertion::inserted && (s.abscissa_m < 0.0 || s.abscissa_m > limits_.max_coordinate_m))
+    ok = Insertion::out_of_range;
+  const bool at_origin = s.abscissa_m == 0.0 && s.drift.isZero(0.0) && s.pose.Log().isZero(0.0);
+  if (ok == Insertion::inserted && f.key.index == 0 && !at_origin) ok = Insertion::malformed;
+  const std::uint64_t end_landmark = std::uint64_t{f.first_landmark} + f.landmark_count;
+  if (ok == Insertion::inserted && end_landmark > limits_.max_index) ok = Insertion::out_of_range;
+  const Insertion result = keep(&Chain::anchors, FactKind::anchor, f, ok);
+  // An anchor proves that its landmarks exist, so that lost ones are asked for.
+  if (result == Insertion::inserted && f.landmark_count > 0)
+    announce(f.key.chain, FactKind::landmark, static_cast<std::uint32_t>(end_landmark));
+  return result;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const LandmarkFact<G>& f) {
+  Insertion ok = first_refusal(check(f.key), f.position.allFinite() ? Insertion::inserted : Insertion::not_finite,
+                               check_covariance(f.covariance, limits_));
+  if (ok == Insertion::inserted && !f.loading.allFinite()) ok = Insertion::not_finite;
+  if (ok == Insertion::inserted && !is_covariance(f.own_covariance(), f.covariance.cwiseAbs().maxCoeff()))
+    ok = Insertion::not_covariance;
+  if (ok == Insertion::inserted &&
+      (f.position.cwiseAbs().maxCoeff() > limits_.max_coordinate_m || f.anchor > limits_.max_index))
+    ok = Insertion::out_of_range;
+  const Insertion result = keep(&Chain::landmarks, FactKind::landmark, f, ok);
+  if (result == Insertion::inserted) {
+    Chain& chain = chains_[f.key.chain];
+    auto& batch = chain.batches[f.anchor];
+    batch.insert(std::lower_bound(batch.begin(), batch.end(), f.key.index), f.key.index);
+    // A landmark proves that its anchor exists, so a lost anchor is asked for.
+    announce(f.key.chain, FactKind::anchor, f.anchor + 1);
+  }
+  return result;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const PriorFact<G>& f) {
+  Insertion ok = first_refusal(check(f.key), check_pose(f.mean, limits_), check_covariance(f.covariance, limits_));
+  if (ok == Insertion::inserted && f.key.index != 0) ok = Insertion::out_of_range;
+  const bool empty = f.covariance.isZero(0.0) && f.mean.Log().isZero(0.0);
+  if (ok == Insertion::inserted && !f.known && !empty) ok = Insertion::malformed;
+  return keep(&Chain::priors, FactKind::prior, f, ok);
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const AssociationFact& f) {
+  Insertion ok = check(f.key);
+  if (ok == Insertion::inserted && f.pairings.size() > limits_.max_pairings) ok = Insertion::out_of_range;
+  if (ok == Insertion::inserted && (f.pairings.empty() || canonical(f.pairings) != f.pairings)) ok = Insertion::malformed;
+  for (const auto& [a, b] : f.pairings) {
+    if (ok != Insertion::inserted) break;
+    ok = a == b ? Insertion::malformed : first_refusal(check(a), check(b));
+  }
+  return keep(&Chain::associations, FactKind::association, f, ok);
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const VerdictFact& f) {
+  return keep(&Chain::verdicts, FactKind::verdict, f, check(f.key));
+}
+
+template <class G>
+const AnchorFact<G>* FactStore<G>::anchor(const Key& key) const {
+  const auto chain = chains_.find(key.chain);
+  if (chain == chains_.end()) return nullptr;
+  const auto it = chain->second.anchors.find(key.index);
+  return it == chain->second.anchors.end() ? nullptr : &it->second;
+}
+
+template <class G>
+const LandmarkFact<G>* FactStore<G>::landmark(const Key& key) const {
+  const auto chain = chains_.find(key.chain);
+  if (chain == chains_.end()) return nullptr;
+  const auto it = chain->second.landmarks.find(key.index);
+  return it == chain->second.landmarks.end() ? nullptr : &it->second;
+}
+
+template <class G>
+const PriorFact<G>* FactStore<G>::prior(const ChainId& id) const {
+  const auto chain = chains_.find(id);
+  return chain == chains_.end() || chain->second.priors.empty() ? nullptr : &chain->second.priors.begin()->second;
+}
+
+template <class G>
+void FactStore<G>::announce(const ChainId& id, FactKind kind, std::uint32_t high_water) {
+  if (high_water == 0 || check(Key{id, high_water - 1}) != Insertion::inserted) return;
+  auto& mark = chains_[id].marks[static_cast<std::size_t>(kind)];
+  mark.high_water = std::max(mark.high_water, high_water);
+}
+
+namespace {
+
+template <class Sequence>
+std::vector<IndexRange> holes(const Sequence& held, std::uint32_t high_water, std::size_t max_ranges) {
+  std::vector<IndexRange> ranges;
+  std::uint32_t next = 0;
+  for (auto it = held.begin(); ranges.size() < max_ranges; ++it) {
+    const std::uint32_t index = it == held.end() ? high_water : std::min(it->first, high_water);
+    if (next < index) ranges.push_back({next, index});
+    if (it == held.end() || index == high_water) break;
+    next = index + 1;
+  }
+  return ranges;
+}
+
+}  // namespace
+
+template <class G>
+std::vector<IndexRange> FactStore<G>::missing(const ChainId& id, FactKind kind, std::size_t max_ranges) const {
+  const auto it = chains_.find(id);
+  if (it == chains_.end()) return {};
+  const Chain& chain = it->second;
+  const ChainMark& mark = chain.marks[static_cast<std::size_t>(kind)];
+  if (mark.count == mark.high_water) return {};
+  switch (kind) {
+    case FactKind::anchor: return holes(chain.anchors, mark.high_water, max_ranges);
+    case FactKind::landmark: return holes(chain.landmarks, mark.high_water, max_ranges);
+    case FactKind::prior: return holes(chain.priors, mark.high_water, max_ranges);
+    case FactKind::association: return holes(chain.associations, mark.high_water, max_ranges);
+    case FactKind::verdict: return holes(chain.verdicts, mark.high_water, max_ranges);
+  }
+  return {};
+}
+
+template <class G>
+std::uint64_t FactStore<G>::missing_count() const {
+  std::uint64_t sum = 0;
+  for (const auto& [id, chain] : chains_)
+    for (const ChainMark& mark : chain.marks) sum += mark.high_water - mark.count;
+  return sum;
+}
+
+template <class G>
+std::vector<ChainMark> FactStore<G>::marks() const {
+  std::vector<ChainMark> marks;
+  for (const auto& [id, chain] : chains_)
+    for (int kind = 0; kind < fact_kind_count; ++kind)
+      if (ChainMark mark = chain.marks[static_cast<std::size_t>(kind)]; mark.high_water > 0) {
+        mark.chain = id;
+        mark.kind = static_cast<FactKind>(kind);
+        marks.push_back(mark);
+      }
+  return marks;
+}
+
+#define CONVOY_INSTANTIATE(G) template class FactStore<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

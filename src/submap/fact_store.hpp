@@ -1,0 +1,125 @@
+// FactStore: the submaps of all vehicles, one grow-only set of facts (paper, Fig. 3; DESIGN A2, B4).
+// Inserting is idempotent, commutative and associative: the same facts give the same store in any order.
+#pragma once
+
+#include <convoy/submap/facts.hpp>
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <vector>
+
+namespace convoy {
+
+/// Why a fact was not taken in. Anything but `inserted` leaves the store as it was.
+enum class Insertion : std::uint8_t {
+  inserted,
+  duplicate,       ///< the same content was there already
+  conflict,        ///< another content stands under this key: its author broke the protocol
+  unknown_vehicle, ///< not on the roster
+  not_finite,      ///< a NaN or an infinity
+  not_covariance,  ///< a covariance that is not symmetric positive semidefinite
+  out_of_range,    ///< a position, abscissa, index or size beyond the plausible limits
+  malformed,       ///< empty or unordered pairings, pairings within one batch, a first anchor that is not the origin
+};
+inline constexpr int insertion_count = 8;
+const char* to_string(Insertion result);
+
+/// Half-open range of indices [first, end).
+struct IndexRange {
+  std::uint32_t first = 0, end = 0;
+  bool operator==(const IndexRange&) const = default;
+};
+
+/// What one vehicle says it knows of one kind of one chain.
+struct ChainMark {
+  ChainId chain;
+  FactKind kind = FactKind::anchor;
+  std::uint32_t high_water = 0;  ///< one past the highest index known to exist
+  std::uint32_t count = 0;       ///< facts held below it
+  Hash hash = 0;                 ///< sum of their content hashes modulo 2^64
+  bool operator==(const ChainMark&) const = default;
+};
+
+/// Plausibility limits of facts; what lies beyond is refused.
+struct FactLimits {
+  double max_coordinate_m = 1e6;
+  double max_sigma_m = 1e5;
+  std::uint32_t max_index = 10'000'000;
+  std::uint32_t max_pairings = 4096;
+  std::vector<VehicleId> roster;  ///< vehicles accepted; empty: everyone
+};
+
+template <class G>
+class FactStore {
+ public:
+  explicit FactStore(FactLimits limits = {}) : limits_(std::move(limits)) {}
+
+  /// Each checks the fact, then keeps it. A second content under a used key is refused and its author flagged; what
+  /// was held stays (so that a stranger cannot overwrite what is known).
+  Insertion insert(const AnchorFact<G>& fact);
+  Insertion insert(const LandmarkFact<G>& fact);
+  Insertion insert(const PriorFact<G>& fact);
+  Insertion insert(const AssociationFact& fact);
+  Insertion insert(const VerdictFact& fact);
+
+  template <class Fact>
+  using Sequence = std::map<std::uint32_t, Fact>;
+
+  /// All that is held of one chain, each kind in index order.
+  struct Chain {
+    Sequence<AnchorFact<G>> anchors;
+    Sequence<LandmarkFact<G>> landmarks;
+    Sequence<PriorFact<G>> priors;
+    Sequence<AssociationFact> associations;
+    Sequence<VerdictFact> verdicts;
+    std::map<std::uint32_t, std::vector<std::uint32_t>> batches;  ///< anchor -> its landmarks, ascending
+    std::array<ChainMark, fact_kind_count> marks;
+    bool equivocated = false;  ///< its author used a key twice
+  };
+  const std::map<ChainId, Chain>& chains() const { return chains_; }
+
+  /// Null if not held.
+  const AnchorFact<G>* anchor(const Key& key) const;
+  const LandmarkFact<G>* landmark(const Key& key) const;
+  const PriorFact<G>* prior(const ChainId& chain) const;
+
+  /// True if somebody has stated this hypothesis.
+  bool stated(Hash hypothesis) const { return statements_.count(hypothesis) != 0; }
+
+  /// One past the highest index known to exist, held or announced. An announcement can only raise it.
+  void announce(const ChainId& chain, FactKind kind, std::uint32_t high_water);
+
+  /// Indices known to exist and not held, ascending. At most `max_ranges`.
+  std::vector<IndexRange> missing(const ChainId& chain, FactKind kind, std::size_t max_ranges = 64) const;
+  std::uint64_t missing_count() const;
+
+  /// Every (chain, kind) with at least one fact held or announced, in canonical order.
+  std::vector<ChainMark> marks() const;
+
+  /// Equal for equal sets of facts, whatever the order of arrival. Associations and verdicts count by content,
+  /// not by the key under which some author stated them.
+  Hash digest() const { return digest_; }
+
+  /// Raised by every insertion: "has anything changed since?"
+  std::uint64_t revision() const { return revision_; }
+  std::uint64_t size() const { return size_; }
+  const std::array<std::uint64_t, insertion_count>& insertions() const { return insertions_; }
+  const FactLimits& limits() const { return limits_; }
+
+ private:
+  template <class Fact>
+  Insertion keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check);
+  Insertion count(Insertion result);
+  Insertion check(const Key& key) const;
+
+  FactLimits limits_;
+  std::map<ChainId, Chain> chains_;
+  std::map<Hash, std::uint32_t> statements_;  // hypotheses by content: digest counts each once
+  std::array<std::uint64_t, insertion_count> insertions_{};
+  Hash digest_ = 0;
+  std::uint64_t revision_ = 0;
+  std::uint64_t size_ = 0;
+};
+
+}  // namespace convoy

@@ -1,0 +1,126 @@
+// Facts: all that vehicles ever exchange about the world (paper, Section III; DESIGN A2, B9).
+//
+// A fact is first-hand, immutable and written once under a key that is never reused. Estimates that were fused from
+// facts are never exchanged, so nothing can be counted twice. Frames: "slam" is the start frame of one vehicle's own
+// SLAM, "anchor" the body frame of an anchor, "common" the frame of the fleet. Units: metres, radians, seconds.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <compare>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+namespace convoy {
+
+using VehicleId = std::uint32_t;  ///< 1..4294967295; 0 means "nobody"
+using Epoch = std::uint64_t;      ///< one uninterrupted run of a vehicle's SLAM; grows with each restart
+
+/// One chain of anchors: a vehicle in one epoch. A restart shares nothing with the epoch before (DESIGN R5).
+struct ChainId {
+  VehicleId vehicle = 0;
+  Epoch epoch = 0;
+  auto operator<=>(const ChainId&) const = default;
+};
+
+/// Identity of a fact within its kind. The order of keys is the canonical order of every computation.
+struct Key {
+  ChainId chain;
+  std::uint32_t index = 0;  ///< counts from 0 without holes, per chain and kind
+  auto operator<=>(const Key&) const = default;
+};
+
+/// The kinds of fact, each with an index sequence of its own. The numbers are part of the wire format.
+enum class FactKind : std::uint8_t { anchor = 0, landmark = 1, prior = 2, association = 3, verdict = 4 };
+inline constexpr int fact_kind_count = 5;
+const char* to_string(FactKind kind);
+
+/// 64-bit content hash. The order-free sum of hashes is the digest of a set.
+using Hash = std::uint64_t;
+
+/// What a landmark looks like. Never compared across kinds.
+struct Descriptor {
+  enum class Kind : std::uint8_t { none = 0, patch_8x8_4bit = 1 };
+  Kind kind = Kind::none;
+  std::array<std::uint8_t, 32> bytes{};
+  bool operator==(const Descriptor&) const = default;
+};
+
+/// Where a vehicle's own SLAM says it is, and how uncertain the drift up to there is.
+template <class G>
+struct ChainState {
+  double stamp_s = 0.0;                                ///< the vehicle's own clock
+  double abscissa_m = 0.0;                             ///< curvilinear abscissa s since the epoch's start, >= 0
+  G pose;                                              ///< X^: T_slam_body
+  typename G::Covariance drift = G::Covariance::Zero();///< C, cumulative drift covariance (DESIGN eq. 2), slam frame
+};
+
+/// The anchor / bias node: index 0 is the epoch's start (identity, s = 0, C = 0).
+template <class G>
+struct AnchorFact {
+  Key key;
+  ChainState<G> state;
+  /// The batch that closed here: indices [first_landmark, first_landmark + landmark_count). So everybody knows when a
+  /// batch has arrived in full.
+  std::uint32_t first_landmark = 0;
+  std::uint32_t landmark_count = 0;
+};
+
+/// A landmark, frozen once converged, in the frame of its anchor. Landmarks of one anchor form a batch: they were
+/// seen together as different things, so no two of them may ever be fused (DESIGN R4).
+template <class G>
+struct LandmarkFact {
+  Key key;
+  std::uint32_t anchor = 0;                                           ///< index of the anchor, same chain
+  typename G::Point position = G::Point::Zero();                      ///< p_anchor [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();///< Cov(l | anchor) [m^2]
+  /// Landmarks of a batch were seen from one moving vehicle, so their errors have a part in common: for two of them
+  /// Cov(l_i, l_j | anchor) = loading_i loading_j^T, and covariance - loading loading^T is what is a landmark's own.
+  typename G::Loading loading = G::Loading::Zero();
+  Descriptor descriptor;
+  Key anchor_key() const { return {key.chain, anchor}; }
+  typename G::PointCovariance own_covariance() const { return covariance - loading * loading.transpose(); }
+};
+
+/// Static bias (paper, Fig. 2): where this chain starts in the common frame. Every chain states it once, at index 0;
+/// an unknown start is stated too, so that nobody takes "not arrived yet" for "unknown".
+template <class G>
+struct PriorFact {
+  Key key;
+  bool known = false;                                        ///< false: mean is the identity, covariance zero
+  G mean;                                                    ///< T_common_slam
+  typename G::Covariance covariance = G::Covariance::Zero(); ///< of a right perturbation
+};
+
+/// "These landmarks are the same": which, never how well (DESIGN R2). Between exactly two batches.
+using Pairing = std::pair<Key, Key>;  ///< canonical: first < second
+struct AssociationFact {
+  Key key;                      ///< of the author; two authors may state the same hypothesis
+  std::vector<Pairing> pairings;///< sorted, without repeats
+};
+
+/// An author's last word on a hypothesis: a later index of the same author replaces an earlier one.
+struct VerdictFact {
+  Key key;
+  Hash hypothesis = 0;
+  bool veto = false;
+};
+
+/// Content hashes: FNV-1a over the little-endian bytes of every field, key included, then mixed.
+template <class G>
+Hash hash_of(const AnchorFact<G>& fact);
+template <class G>
+Hash hash_of(const LandmarkFact<G>& fact);
+template <class G>
+Hash hash_of(const PriorFact<G>& fact);
+Hash hash_of(const AssociationFact& fact);
+Hash hash_of(const VerdictFact& fact);
+
+/// Identity of a hypothesis: the hash of its pairings alone, whoever states it.
+Hash hypothesis_id(const std::vector<Pairing>& pairings);
+
+/// Sorts each pairing, then the list, and removes repeats.
+std::vector<Pairing> canonical(std::vector<Pairing> pairings);
+
+}  // namespace convoy

@@ -1,0 +1,39 @@
+# Builds and installs the core in ${scratch}, where Fast DDS cannot be found, with ${compiler} and ${launcher}; then
+# looks through every header that was read for one of a middleware or of OpenCV.
+cmake_minimum_required(VERSION 3.25)
+
+# run(COMMAND...): stops at the first failure.
+function(run)
+  execute_process(COMMAND ${ARGV} COMMAND_ECHO STDOUT COMMAND_ERROR_IS_FATAL ANY)
+endfunction()
+
+file(REMOVE_RECURSE ${scratch})
+run(${CMAKE_COMMAND} -G Ninja -S ${source} -B ${scratch}/build
+  -DCMAKE_BUILD_TYPE=Debug
+  -DCMAKE_CXX_COMPILER=${compiler}
+  -DCMAKE_CXX_COMPILER_LAUNCHER=${launcher}
+  -DCMAKE_INSTALL_PREFIX=${scratch}/prefix
+  -DCMAKE_DISABLE_FIND_PACKAGE_fastrtps=ON
+  -DCMAKE_DISABLE_FIND_PACKAGE_fastdds=ON
+  -DCMAKE_DISABLE_FIND_PACKAGE_fastcdr=ON
+  -DCONVOY_WITH_DDS=OFF
+  -DCONVOY_BUILD_CLI=OFF
+  -DCONVOY_BUILD_TESTS=OFF
+  -DCONVOY_BUILD_EXAMPLES=OFF
+)
+run(${CMAKE_COMMAND} --build ${scratch}/build)
+
+execute_process(COMMAND ninja -C ${scratch}/build -t deps OUTPUT_VARIABLE headers COMMAND_ERROR_IS_FATAL ANY)
+if(NOT headers MATCHES "/Eigen/Core\n" OR NOT headers MATCHES "/convoy/submap/facts.hpp\n")
+  message(FATAL_ERROR "the list of headers that were read is not complete:\n${headers}")
+endif()
+string(REGEX MATCH "[^\n]*/(fastdds|fastrtps|fastcdr|opencv2|convoy/idl|convoy/dds)/[^\n]*" found "${headers}")
+if(found)
+  message(FATAL_ERROR "convoy::core reads a header that it must not know:${found}")
+endif()
+
+run(${CMAKE_COMMAND} --install ${scratch}/build)
+file(GLOB_RECURSE foreign ${scratch}/prefix/include/convoy/dds/* ${scratch}/prefix/*convoy-dds-targets*)
+if(foreign)
+  message(FATAL_ERROR "the installation of the core holds parts of the exchange: ${foreign}")
+endif()

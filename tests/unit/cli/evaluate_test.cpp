@@ -1,0 +1,347 @@
+#include "evaluate/evaluate.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <convoy/config_error.hpp>
+
+#include "fake_run.hpp"
+#include "scenario/street.hpp"
+
+namespace convoy::cli {
+namespace {
+
+using nlohmann::json;
+using test::config_error_of;
+using test::TemporaryFolder;
+using testing::HasSubstr;
+
+constexpr double duration_s = 100.0;
+
+Eigen::Matrix3d diagonal(double x, double y, double theta) { return Eigen::Vector3d(x, y, theta).asDiagonal(); }
+
+/// Vehicle 1 drives along y = 10 of the world, vehicle 2 beside it, 5 m to the left; both start with heading 0 at
+/// x = 100. The common frame is vehicle 1's start. Estimates are true unless a test changes them.
+RunRecord straight_run() {
+  RunRecord run;
+  run.scenario = "street";
+  run.common_frame_vehicle = 1;
+  run.info = {{"seed", 4}, {"wall_s", 5.0}, {"vehicle_s", 100.0}, {"lost_vehicles", json::array()}};
+  for (const VehicleId id : {1U, 2U}) {
+    VehicleRecord vehicle;
+    vehicle.id = id;
+    const double side_m = id == 1 ? 0.0 : 5.0;
+    for (double t = 0.0; t <= duration_s; t += 0.25) vehicle.truth.push_back({t, SE2(100.0 + t, 10.0 + side_m, 0.0)});
+    for (double t = 0.0; t <= duration_s; t += 1.0) {
+      const PoseEstimate common{SE2(t, side_m, 0.0), diagonal(0.04, 0.01, 0.0001)};
+      const PoseEstimate slam{SE2(t, 0.0, 0.0), diagonal(0.01, 0.01, 0.0001)};
+      vehicle.live.push_back({t, id, t, slam, common});
+      vehicle.trajectory.push_back({t, id, t, slam, common});
+    }
+    vehicle.summary = {{"map_digest", "aa"}, {"facts_missing", 0}, {"landmarks_exported", 7}, {"bytes_sent", 1000}};
+    run.first_event_s[id] = 0.0;
+    run.vehicles.push_back(vehicle);
+  }
+  return run;
+}
+
+/// Adds to each vehicle what it says of the other one.
+void let_them_hear_each_other(RunRecord& run) {
+  const auto first = run.vehicles[0].live, second = run.vehicles[1].live;
+  run.vehicles[0].live.insert(run.vehicles[0].live.end(), second.begin(), second.end());
+  run.vehicles[1].live.insert(run.vehicles[1].live.end(), first.begin(), first.end());
+}
+
+Pairing pairing(VehicleId a, std::uint32_t i, VehicleId b, std::uint32_t j) { return {Key{{a, 1}, i}, Key{{b, 1}, j}}; }
+
+TEST(Evaluate, APerfectRunHasNoError) {
+  RunRecord run = straight_run();
+  let_them_hear_each_other(run);
+  const json m = evaluate(run).metrics;
+  EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.0, 1e-9);
+  EXPECT_NEAR(m.at("fleet_anees").get<double>(), 0.0, 1e-9);
+  EXPECT_EQ(m.at("fleet_coverage95"), 1.0);
+  EXPECT_EQ(m.at("map_digests_equal"), true);
+  EXPECT_EQ(m.at("facts_lost"), 0);
+  EXPECT_EQ(m.at("real_time_factor"), 20.0);
+  EXPECT_EQ(m.at("seed"), 4);
+  EXPECT_NEAR(m.at("pairs")[0].at("distance_rmse_raw_m").get<double>(), 5.0, 1e-9);
+}
+
+TEST(Evaluate, AteIsTakenAfterOneRigidAlignmentOfTheFleet) {
+  RunRecord run = straight_run();
+  const SE2 elsewhere(-40.0, 7.0, 1.1);  // must not matter
+  for (VehicleRecord& vehicle : run.vehicles)
+    for (std::size_t i = 0; i < vehicle.trajectory.size(); ++i) {
+      PoseRow& row = vehicle.trajectory[i];
+      // An error of 0.1 m along the way, forth and back, of vehicle 1 alone.
+      const double error_m = vehicle.id == 1 ? (i % 2 == 0 ? 0.1 : -0.1) : 0.0;
+      row.common->T = elsewhere * SE2(error_m, 0.0, 0.0) * row.common->T;
+    }
+  const json m = evaluate(run).metrics;
+  EXPECT_NEAR(m.at("vehicles")[0].at("ate_m").get<double>(), 0.1, 1e-3);
+  EXPECT_NEAR(m.at("vehicles")[1].at("ate_m").get<double>(), 0.0, 1e-3);
+  EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.1 / std::sqrt(2.0), 1e-3);
+}
+
+TEST(Evaluate, AnOffsetBetweenVehiclesIsNotAlignedAway) {
+  RunRecord run = straight_run();
+  for (PoseRow& row : run.vehicles[1].trajectory) row.common->T = SE2(0.0, 1.0, 0.0) * row.common->T;
+  const json m = evaluate(run).metrics;
+  EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.5, 1e-6);
+}
+
+TEST(Evaluate, NeesIsMeasuredInTheBodyFrameAgainstItsCovariance) {
+  RunRecord run = straight_run();
+  // sigma_x is 0.2 m: half of the poses are off by 2 sigma (NEES 4), half by 3 sigma (NEES 9).
+  for (std::size_t i = 0; i < run.vehicles[0].live.size(); ++i)
+    run.vehicles[0].live[i].common->T = SE2(run.vehicles[0].live[i].t_s - (i % 2 == 0 ? 0.4 : 0.6), 0.0, 0.0);
+  run.vehicles[0].live.pop_back();  // an even number of them
+  const Evaluation evaluation = evaluate(run);
+  const json& vehicle = evaluation.metrics.at("vehicles")[0];
+  EXPECT_NEAR(vehicle.at("pose_anees").get<double>(), 6.5 / 3.0, 1e-9);
+  EXPECT_NEAR(vehicle.at("pose_coverage95").get<double>(), 0.5, 1e-9);
+  EXPECT_EQ(vehicle.at("pose_anees"), vehicle.at("pose_anees_start"));
+  EXPECT_NEAR(vehicle.at("trajectory_anees").get<double>(), 0.0, 1e-9);
+  ASSERT_EQ(evaluation.live_nees.at(1).size(), 100U);
+  EXPECT_NEAR(evaluation.live_nees.at(1)[1].value, 9.0, 1e-9);
+}
+
+TEST(Evaluate, PosesThatCannotBeJudgedAreLeftOutAndCounted) {
+  RunRecord run = straight_run();
+  run.vehicles[0].live[0].common->P.setZero();  // known exactly
+  run.vehicles[0].live[1].common.reset();       // not aligned yet
+  run.vehicles[0].live[2].t_s = 1000.0;         // no truth there
+  const json vehicle = evaluate(run).metrics.at("vehicles")[0];
+  EXPECT_EQ(vehicle.at("poses_judged"), 98);
+  EXPECT_EQ(vehicle.at("poses_without_covariance"), 1);
+}
+
+TEST(Evaluate, MrclamIsJudgedInTheFittedGauge) {
+  RunRecord run = straight_run();
+  run.scenario = "mrclam";
+  // The markers of vehicle 1 sit at an angle: the gauge at the start would turn the whole fleet by it.
+  for (TruthPose& pose : run.vehicles[0].truth) pose.T_world_body = pose.T_world_body * SE2(0.0, 0.0, 0.05);
+  const json m = evaluate(run).metrics;
+  EXPECT_EQ(m.at("gauge"), "fit");
+  const json& second = m.at("vehicles")[1];
+  EXPECT_NEAR(second.at("pose_anees").get<double>(), 0.0, 1e-6);
+  EXPECT_GT(second.at("pose_anees_start").get<double>(), 10.0);
+  const json& first = m.at("vehicles")[0];
+  EXPECT_NEAR(first.at("pose_anees_fit").get<double>(), 0.05 * 0.05 / 0.0001 / 3.0, 1e-3);
+  EXPECT_NEAR(first.at("truth_mount_heading_rad").get<double>(), 0.05, 1e-6);
+  EXPECT_NEAR(first.at("pose_anees_mounted").get<double>(), 0.0, 1e-6);
+  EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.0, 1e-6);
+}
+
+TEST(Evaluate, DistancesCountFromTheFirstAssociation) {
+  RunRecord run = straight_run();
+  for (VehicleRecord& vehicle : run.vehicles)
+    for (PoseRow& row : vehicle.live)
+      if (vehicle.id == 2) row.common->T = SE2(row.t_s, row.t_s < 40.0 ? 25.0 : 5.3, 0.0);
+  let_them_hear_each_other(run);
+  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map->associations.push_back({2, 40.0, true, {pairing(1, 0, 2, 0)}});
+  run.vehicles[0].map->associations.push_back({2, 10.0, false, {pairing(1, 1, 2, 1)}});  // refused: does not count
+  const Evaluation evaluation = evaluate(run);
+  const json pair = evaluation.metrics.at("pairs")[0];
+  EXPECT_EQ(pair.at("first_association_s"), 40.0);
+  EXPECT_NEAR(pair.at("distance_rmse_m").get<double>(), 0.3, 1e-9);
+  EXPECT_NEAR(pair.at("distance_error_final_m").get<double>(), 0.3, 1e-9);
+  EXPECT_NEAR(pair.at("distance_rmse_raw_m").get<double>(), 5.0, 1e-9);
+  ASSERT_EQ(evaluation.pairs[0].distances.size(), 101U);
+  EXPECT_NEAR(*evaluation.pairs[0].distances[0].convoy_m, 25.0, 1e-9);
+}
+
+TEST(Evaluate, LatencyIsNotError) {
+  RunRecord run = straight_run();
+  let_them_hear_each_other(run);
+  for (VehicleRecord& vehicle : run.vehicles)
+    for (PoseRow& row : vehicle.live)
+      if (row.vehicle != vehicle.id) {  // stamps of a peer lie 0.4 s back, and so do its poses
+        row.t_s -= 0.4;
+        row.common->T = SE2(-0.4, 0.0, 0.0) * row.common->T;
+        row.slam->T = SE2(-0.4, 0.0, 0.0) * row.slam->T;
+      }
+  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map->associations.push_back({2, 5.0, true, {pairing(1, 0, 2, 0)}});
+  EXPECT_NEAR(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_m").get<double>(), 0.0, 1e-9);
+}
+
+TEST(Evaluate, AssociationThroughAThirdVehicleCounts) {
+  RunRecord run = straight_run();
+  run.vehicles.push_back(run.vehicles[1]);
+  run.vehicles[2].id = 3;
+  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map->associations.push_back({1, 30.0, true, {pairing(2, 0, 3, 0)}});
+  run.vehicles[0].map->associations.push_back({1, 20.0, true, {pairing(1, 0, 3, 1)}});
+  const json pairs = evaluate(run).metrics.at("pairs");
+  EXPECT_EQ(pairs[0].at("first_association_s"), 30.0);  // 1 and 2, through 3
+  EXPECT_EQ(pairs[0].at("first_direct_association_s"), nullptr);
+  EXPECT_EQ(pairs[1].at("first_association_s"), 20.0);
+  EXPECT_EQ(pairs[1].at("distance_rmse_m"), nullptr);  // nobody saw anybody
+}
+
+TEST(Evaluate, PairingsAreJudgedByTheLabels) {
+  RunRecord run = straight_run();
+  run.vehicles[0].track_of_landmark = {{{1, 0}, 70}, {{1, 1}, 71}, {{1, 2}, 72}};
+  run.vehicles[1].track_of_landmark = {{{1, 0}, 70}, {{1, 1}, 99}, {{1, 2}, 72}};
+  run.vehicles[0].map = MapRecord{};
+  auto& associations = run.vehicles[0].map->associations;
+  associations.push_back({2, 1.0, true, {pairing(1, 0, 2, 0), pairing(1, 1, 2, 1)}});  // one true, one false
+  associations.push_back({2, 2.0, true, {pairing(1, 0, 2, 0), pairing(1, 2, 2, 2)}});  // one known already, one true
+  associations.push_back({2, 3.0, true, {pairing(1, 2, 2, 9)}});                       // label missing
+  associations.push_back({2, 4.0, false, {pairing(1, 1, 2, 2)}});                      // refused
+  const json a = evaluate(run).metrics.at("associations");
+  EXPECT_EQ(a.at("accepted"), 4);
+  EXPECT_EQ(a.at("true"), 2);
+  EXPECT_EQ(a.at("false"), 1);
+  EXPECT_EQ(a.at("unjudged"), 1);
+  EXPECT_EQ(a.at("hypotheses_accepted"), 3);
+  EXPECT_EQ(a.at("hypotheses_false"), 1);
+  EXPECT_EQ(a.at("hypotheses_rejected"), 1);
+}
+
+TEST(Evaluate, LandmarksAreFittedToTheirTruth) {
+  RunRecord run = straight_run();
+  for (VehicleRecord& vehicle : run.vehicles) vehicle.truth.clear();
+  run.landmarks = {{70, {0.0, 0.0}}, {71, {4.0, 0.0}}, {72, {0.0, 4.0}}, {73, {4.0, 4.0}}};
+  const SE2 T(2.0, 3.0, -0.7);
+  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map->chains = {{{1, 1}, true}, {{2, 1}, false}};
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    run.vehicles[0].track_of_landmark[{1, i}] = 70 + i;
+    // Corners of a square moved outwards by 0.1 m each: no rigid motion helps.
+    const Eigen::Vector2d out = (run.landmarks[i].p_world_m - Eigen::Vector2d(2.0, 2.0)).normalized() * 0.1;
+    run.vehicles[0].map->landmarks.push_back({Key{{1, 1}, i}, T * (run.landmarks[i].p_world_m + out), -1});
+  }
+  run.vehicles[1].track_of_landmark[{1, 0}] = 70;
+  run.vehicles[0].map->landmarks.push_back({Key{{2, 1}, 0}, Eigen::Vector2d(500.0, 0.0), -1});  // not aligned
+  const json m = evaluate(run).metrics;
+  EXPECT_NEAR(m.at("landmark_rmse_m").get<double>(), 0.1, 1e-9);
+  EXPECT_EQ(m.at("fleet_ate_m"), nullptr);
+  EXPECT_EQ(m.at("fleet_coverage95"), nullptr);
+  EXPECT_EQ(m.at("all_aligned"), false);
+}
+
+TEST(Evaluate, BytesPerSecondComeFromTheCumulativeCounter) {
+  RunRecord run = straight_run();
+  run.vehicles[0].traffic = {{1.0, 100.0}, {2.0, 1100.0}, {3.0, 1200.0}, {4.0, 50.0}};  // started again at the end
+  const Evaluation evaluation = evaluate(run);
+  const json vehicle = evaluation.metrics.at("vehicles")[0];
+  EXPECT_NEAR(vehicle.at("bytes_per_s_max").get<double>(), 1000.0, 1e-9);
+  EXPECT_NEAR(vehicle.at("bytes_per_s_mean").get<double>(), 1250.0 / 4.0, 1e-9);
+  ASSERT_EQ(evaluation.bytes_per_s.at(1).size(), 4U);
+  EXPECT_NEAR(evaluation.bytes_per_s.at(1)[3].value, 50.0, 1e-9);
+  EXPECT_EQ(evaluation.metrics.at("vehicles")[1].at("bytes_per_s_max"), nullptr);
+}
+
+TEST(Evaluate, LostVehiclesDoNotAnswerForTheFleet) {
+  RunRecord run = straight_run();
+  run.vehicles[1].lost = true;
+  run.vehicles[1].summary = nullptr;
+  run.info["lost_vehicles"] = {2};
+  json m = evaluate(run).metrics;
+  EXPECT_EQ(m.at("map_digests_equal"), true);
+  EXPECT_EQ(m.at("facts_lost"), 0);
+  EXPECT_EQ(m.at("lost_vehicles"), json({2}));
+  EXPECT_EQ(m.at("vehicles")[1].at("map_digest"), nullptr);
+  run.vehicles[1].lost = false;  // alive but silent: nothing is known
+  m = evaluate(run).metrics;
+  EXPECT_EQ(m.at("map_digests_equal"), nullptr);
+  EXPECT_EQ(m.at("facts_lost"), nullptr);
+  run.vehicles[1].summary = {{"map_digest", "bb"}, {"facts_missing", 3}};
+  m = evaluate(run).metrics;
+  EXPECT_EQ(m.at("map_digests_equal"), false);
+  EXPECT_EQ(m.at("facts_lost"), 3);
+}
+
+TEST(Tum, HasTimePositionAndQuaternion) {
+  std::vector<PoseRow> rows(2);
+  rows[0] = {1.5, 1, 0.0, {}, PoseEstimate{SE2(1.0, -2.0, M_PI / 2), Eigen::Matrix3d::Zero()}};
+  rows[1] = {2.0, 1, 0.0, {}, {}};  // not aligned: not in the file
+  EXPECT_EQ(tum_trajectory(rows), "1.500000 1.000000 -2.000000 0 0 0 0.707106781 0.707106781\n");
+}
+
+class RunFolder : public testing::Test {
+ protected:
+  void SetUp() override {
+    StreetParams params;
+    params.distance_m = 120.0;
+    test::FakeRun(make_street(params, 5), folder_.path()).write_all();
+  }
+  TemporaryFolder folder_;
+};
+
+TEST_F(RunFolder, IsReadJudgedAndWritten) {
+  const RunRecord run = read_run(folder_.path());
+  write_evaluation(run, evaluate(run));
+  const json m = json::parse(test::read(folder_ / "metrics.json"));
+  EXPECT_EQ(m.at("vehicles").size(), 2U);
+  EXPECT_LT(m.at("fleet_ate_m").get<double>(), 0.2);
+  EXPECT_GT(m.at("pairs")[0].at("distance_rmse_raw_m").get<double>(), 3.0);
+  EXPECT_LT(m.at("pairs")[0].at("distance_rmse_m").get<double>(), 0.3);
+  EXPECT_GT(m.at("associations").at("true").get<int>(), 10);
+  EXPECT_EQ(m.at("associations").at("false"), 0);
+  EXPECT_EQ(m.at("all_aligned"), true);
+  for (const char* key :
+       {"id", "landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "bytes_per_s_mean",
+        "bytes_per_s_max", "requests_sent", "ate_m", "pose_anees", "pose_coverage95", "integrity", "map_digest",
+        "peak_rss_mb", "trajectory_anees", "trajectory_coverage95"})
+    EXPECT_FALSE(m.at("vehicles")[0].at(key).is_null()) << key;
+  EXPECT_FALSE(test::read(folder_ / "vehicle_1.tum").empty());
+  EXPECT_FALSE(test::read(folder_ / "vehicle_2.tum").empty());
+}
+
+TEST_F(RunFolder, WithNothingButItsNameIsAllNull) {
+  for (const char* part : {"vehicle_1", "vehicle_2", "truth", "scenario.json"})
+    std::filesystem::remove_all(folder_ / part);
+  const json m = evaluate(read_run(folder_.path())).metrics;
+  for (const char* key : {"fleet_ate_m", "fleet_anees", "fleet_coverage95", "landmark_rmse_m", "map_digests_equal",
+                          "facts_lost", "all_aligned"})
+    EXPECT_EQ(m.at(key), nullptr) << key;
+  for (const char* key :
+       {"landmarks_exported", "bytes_per_s_max", "ate_m", "pose_anees", "pose_coverage95", "map_digest"})
+    EXPECT_EQ(m.at("vehicles")[1].at(key), nullptr) << key;
+  EXPECT_EQ(m.at("associations").at("true"), nullptr);
+  EXPECT_EQ(m.at("pairs")[0].at("distance_rmse_m"), nullptr);
+}
+
+TEST_F(RunFolder, DamageIsRefusedWithFileAndLine) {
+  const auto refusal = [this](const char* file, const std::string& content) {
+    const std::string before = test::read(folder_ / file);
+    test::write(folder_ / file, content);
+    const std::string text = config_error_of([this] { read_run(folder_.path()); });
+    test::write(folder_ / file, before);
+    return text;
+  };
+  const std::string live = test::read(folder_ / "vehicle_1/live.csv");
+  EXPECT_THAT(refusal("vehicle_1/live.csv", live.substr(0, live.size() - 5)), HasSubstr("the file has been cut"));
+  EXPECT_THAT(refusal("vehicle_1/live.csv", std::string(live_header) + "\n1,1,0,0,0,0,,,,,,,,,,,,,,,,OK,\n"),
+              HasSubstr("live.csv:2: a pose and its covariance"));
+  EXPECT_THAT(refusal("vehicle_2/traffic.csv", "t_s,bytes_sent,messages_sent\n2,1,1\n1,2,2\n"),
+              HasSubstr("traffic.csv:3: time"));
+  EXPECT_THAT(refusal("vehicle_2/labels.csv", "index,epoch,track\n-1,1,7\n"), HasSubstr("labels.csv:2: field 1"));
+  EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\""), HasSubstr("map.json: not what it should be"));
+  EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\":\"x\"}"), HasSubstr("map.json: not what it should be"));
+  EXPECT_THAT(refusal("run.json", "{}"), HasSubstr("run.json: not what it should be"));
+  EXPECT_EQ(config_error_of([this] { read_run(folder_.path()); }), "");
+}
+
+TEST_F(RunFolder, OfALostVehicleMayEndInHalfALine) {
+  json info = json::parse(test::read(folder_ / "run.json"));
+  info["lost_vehicles"] = {2};
+  test::write(folder_ / "run.json", info.dump());
+  const std::string live = test::read(folder_ / "vehicle_2/live.csv");
+  const std::size_t rows = read_run(folder_.path()).find(2)->live.size();
+  test::write(folder_ / "vehicle_2/live.csv", live.substr(0, live.size() - 5));
+  for (const char* file : {"map.json", "summary.json", "labels.csv", "trajectory.csv"})
+    std::filesystem::remove(folder_ / "vehicle_2" / file);
+  const RunRecord run = read_run(folder_.path());
+  EXPECT_EQ(run.find(2)->live.size(), rows - 1);
+  EXPECT_EQ(run.first_survivor()->id, 1U);
+  const json m = evaluate(run).metrics;
+  EXPECT_EQ(m.at("associations").at("unjudged"), m.at("associations").at("accepted"));  // its labels died with it
+}
+
+}  // namespace
+}  // namespace convoy::cli

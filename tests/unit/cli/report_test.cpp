@@ -1,0 +1,127 @@
+#include "report/report.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <tinyxml2.h>
+#include <convoy/config_error.hpp>
+
+#include <set>
+
+#include "fake_run.hpp"
+#include "scenario/street.hpp"
+
+namespace convoy::cli {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+Scenario street() {
+  StreetParams params;
+  params.distance_m = 150.0;
+  return make_street(params, 5);
+}
+
+/// Five vehicles without priors: the street's two and three more on its course.
+Scenario fleet_of_five() {
+  Scenario scenario = street();
+  scenario.name = "mrclam";
+  for (const VehicleId id : {3U, 4U, 5U}) {
+    scenario.vehicles.push_back(scenario.vehicles[id % 2]);
+    scenario.vehicles.back().id = id;
+  }
+  for (VehicleLog& vehicle : scenario.vehicles) vehicle.prior.reset();
+  return scenario;
+}
+
+struct Page {
+  RunRecord run;
+  Evaluation evaluation;
+  std::string text;
+};
+
+Page page_of(const std::filesystem::path& folder) {
+  Page page{read_run(folder), {}, {}};
+  page.evaluation = evaluate(page.run);
+  write_report(page.run, page.evaluation);
+  page.text = test::read(folder / "report.html");
+  return page;
+}
+
+Page page_of(const Scenario& scenario) {
+  const test::TemporaryFolder folder;
+  test::FakeRun(scenario, folder.path()).write_all();
+  return page_of(folder.path());
+}
+
+int count(const tinyxml2::XMLNode& node, const std::string& name) {
+  int sum = node.ToElement() && node.Value() == name;
+  for (const auto* child = node.FirstChild(); child; child = child->NextSibling()) sum += count(*child, name);
+  return sum;
+}
+
+void expect_well_formed(const std::string& text) {
+  tinyxml2::XMLDocument document;
+  ASSERT_EQ(document.Parse(text.c_str()), tinyxml2::XML_SUCCESS) << document.ErrorStr();
+}
+
+class Reports : public testing::TestWithParam<bool> {};
+
+TEST_P(Reports, ShowThePapersFiguresInOneWellFormedPage) {
+  const Page page = page_of(GetParam() ? street() : fleet_of_five());
+  tinyxml2::XMLDocument document;
+  ASSERT_EQ(document.Parse(page.text.c_str()), tinyxml2::XML_SUCCESS) << document.ErrorStr();
+  for (int figure = 9; figure <= 14; ++figure)
+    EXPECT_THAT(page.text, HasSubstr("(paper, Fig. " + std::to_string(figure) + ")"));
+  EXPECT_EQ(count(document, "figcaption"), 7);
+  EXPECT_EQ(count(document, "table"), 3);
+  EXPECT_EQ(count(document, "script"), 0);
+  EXPECT_LT(page.text.size(), 3U << 20);
+  for (const char* text : {"x [m]", "y [m]", "time [s]", "distance [m]", "[byte]", "ground truth", "95 %"})
+    EXPECT_THAT(page.text, HasSubstr(text));
+  EXPECT_THAT(page.text, Not(HasSubstr("nan")));
+  // Self-contained: nothing is fetched.
+  EXPECT_THAT(page.text, Not(HasSubstr("src=")));
+  EXPECT_THAT(page.text, Not(HasSubstr("href=")));
+  EXPECT_THAT(page.text, Not(HasSubstr("url(")));
+}
+
+INSTANTIATE_TEST_SUITE_P(StreetAndFleet, Reports, testing::Bool());
+
+TEST(Report, HeadlineSaysWhatTheMetricsSay) {
+  Page page = page_of(street());
+  const std::string good = headline(page.run, page.evaluation.metrics);
+  EXPECT_THAT(good, HasSubstr("Two vehicles that did not know where the others started share one map"));
+  EXPECT_THAT(good, HasSubstr("none is false"));
+  EXPECT_THAT(page.text, HasSubstr(good));
+  nlohmann::json bad = page.evaluation.metrics;
+  bad["all_aligned"] = false;
+  bad["associations"]["false"] = 2;
+  bad["lost_vehicles"] = {2};
+  EXPECT_THAT(headline(page.run, bad), HasSubstr("have not all found one common frame"));
+  EXPECT_THAT(headline(page.run, bad), HasSubstr("2 are false"));
+  EXPECT_THAT(headline(page.run, bad), HasSubstr("Lost on the way: back vehicle"));
+}
+
+TEST(Report, WithoutTruthIsStillAPage) {
+  const test::TemporaryFolder folder;
+  test::FakeRun(fleet_of_five(), folder.path()).write_all();
+  for (const VehicleId id : {1U, 2U, 3U, 4U, 5U}) std::filesystem::remove(truth_file(folder.path(), id));
+  const Page page = page_of(folder.path());
+  expect_well_formed(page.text);
+  EXPECT_THAT(page.text, HasSubstr("There is no pose truth to judge the live poses by."));
+  EXPECT_THAT(page.text, HasSubstr("m RMSE from the truth"));
+}
+
+TEST(Report, OfARunThatLeftNothingIsStillAPage) {
+  const test::TemporaryFolder folder;
+  test::write(folder / "run.json",
+              R"({"scenario":"street","common_frame_vehicle":1,"vehicles":[1,2],"source":"a & b <c>"})");
+  const Page page = page_of(folder.path());
+  expect_well_formed(page.text);
+  EXPECT_THAT(page.text, HasSubstr("a &amp; b &lt;c&gt;"));
+  EXPECT_THAT(page.text, HasSubstr("No vehicle left a map."));
+}
+
+}  // namespace
+}  // namespace convoy::cli

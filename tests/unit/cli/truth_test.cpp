@@ -1,0 +1,78 @@
+#include "evaluate/truth.hpp"
+
+#include <gtest/gtest.h>
+
+#include "scenario/counter_rng.hpp"
+
+namespace convoy::cli {
+namespace {
+
+TEST(FitRigid, RecoversAKnownMotion) {
+  const SE2 T(3.0, -2.0, 2.9);
+  std::vector<Eigen::Vector2d> from, to;
+  const CounterRng rng(1, 0, 0);
+  for (std::uint32_t i = 0; i < 50; ++i) {
+    from.emplace_back(10.0 * rng.normal(i, 0), rng.normal(i, 1));
+    to.push_back(T * from.back());
+  }
+  const auto fit = fit_rigid(from, to);
+  ASSERT_TRUE(fit);
+  EXPECT_LT((fit->T_to_from.inverse() * T).Log().norm(), 1e-12);
+  EXPECT_LT(fit->rmse_m, 1e-12);
+}
+
+TEST(FitRigid, DoesNotScale) {
+  const auto fit = fit_rigid({{-1.0, 0.0}, {1.0, 0.0}}, {{-2.0, 0.0}, {2.0, 0.0}});
+  ASSERT_TRUE(fit);
+  EXPECT_NEAR(fit->rmse_m, 1.0, 1e-12);
+}
+
+TEST(FitRigid, IsEmptyWhenThePointsDoNotFixIt) {
+  EXPECT_FALSE(fit_rigid({}, {}));
+  EXPECT_FALSE(fit_rigid({{1.0, 2.0}}, {{3.0, 4.0}}));
+  EXPECT_FALSE(fit_rigid({{1.0, 2.0}, {2.0, 3.0}}, {{3.0, 4.0}}));
+  EXPECT_FALSE(fit_rigid({{1.0, 2.0}, {1.0, 2.0}}, {{3.0, 4.0}, {4.0, 4.0}}));
+}
+
+TEST(TruthAt, FollowsTheArcAndStopsAtGaps) {
+  const SE2 quarter = SE2::Exp({0.5 * M_PI, 0.0, 0.5 * M_PI});  // a quarter of the unit circle
+  const std::vector<TruthPose> truth{{1.0, SE2()}, {1.4, quarter}, {9.0, quarter}};
+  EXPECT_FALSE(truth_at(truth, 0.9));
+  EXPECT_FALSE(truth_at(truth, 2.0));
+  EXPECT_FALSE(truth_at(truth, 9.1));
+  EXPECT_FALSE(truth_at({}, 1.0));
+  ASSERT_TRUE(truth_at(truth, 1.2));
+  const SE2 middle = *truth_at(truth, 1.2);
+  EXPECT_NEAR(middle.theta(), 0.25 * M_PI, 1e-12);
+  EXPECT_NEAR((middle.translation() - Eigen::Vector2d(0.0, 1.0)).norm(), 1.0, 1e-12);
+  EXPECT_TRUE(truth_at(truth, 9.0));
+}
+
+TEST(TruthMount, IsFoundFromTheTruthAlone) {
+  const SE2 T_body_truth(0.03, 0.0, -0.015);
+  std::vector<TruthPose> truth;
+  SE2 T_world_body(5.0, 3.0, 1.0);
+  const CounterRng rng(2, 0, 0);
+  for (std::uint32_t i = 0; i < 4000; ++i) {
+    const double omega = 0.4 * std::sin(0.004 * i);
+    T_world_body = T_world_body * SE2::Exp({0.15 * 0.05, 0.0, omega * 0.05});
+    const SE2 jitter(2e-4 * rng.normal(i, 0), 2e-4 * rng.normal(i, 1), 1e-3 * rng.normal(i, 2));
+    truth.push_back({0.05 * i, T_world_body * T_body_truth * jitter});
+  }
+  for (std::size_t i = 1000; i < 1010; ++i)
+    truth[i].T_world_body = truth[i].T_world_body * SE2(0.0, 0.5, 0.3);  // a lost marker
+  const auto mount = find_truth_mount(truth);
+  ASSERT_TRUE(mount);
+  EXPECT_NEAR(mount->heading_rad, -0.015, 1e-3);
+  EXPECT_NEAR(mount->forward_m, 0.03, 2e-3);
+}
+
+TEST(TruthMount, IsEmptyForAVehicleThatStands) {
+  std::vector<TruthPose> truth;
+  for (int i = 0; i < 1000; ++i) truth.push_back({0.05 * i, SE2(1.0, 2.0, 0.5)});
+  EXPECT_FALSE(find_truth_mount(truth));
+  EXPECT_FALSE(find_truth_mount({}));
+}
+
+}  // namespace
+}  // namespace convoy::cli

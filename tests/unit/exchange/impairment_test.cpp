@@ -1,0 +1,140 @@
+#include <convoy/config_error.hpp>
+#include <convoy/exchange/impairment.hpp>
+#include <convoy/exchange/in_process.hpp>
+
+#include "../sample_facts.hpp"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+namespace convoy {
+namespace {
+
+using testing::HasSubstr;
+
+Message<SE2> numbered(std::uint32_t number) { return {test::chain_of(1), test::verdict(1, number, 0, true)}; }
+std::uint32_t number_of(const Message<SE2>& message) { return std::get<VerdictFact>(message.payload).key.index; }
+
+std::vector<std::uint32_t> numbers(const std::vector<Message<SE2>>& messages) {
+  std::vector<std::uint32_t> list;
+  for (const auto& message : messages) list.push_back(number_of(message));
+  return list;
+}
+
+/// What comes out of `count` messages pushed at once, looked at when all are due.
+std::vector<std::uint32_t> through(const Impairment& impairment, std::uint32_t count) {
+  ImpairedQueue<SE2> queue(impairment);
+  for (std::uint32_t i = 0; i < count; ++i) queue.push(numbered(i), 0.0);
+  return numbers(queue.take(impairment.delay_s + impairment.jitter_s));
+}
+
+TEST(Impairment, ParsesEveryEntryInAnyOrder) {
+  const Impairment all = Impairment::parse("seed=7,jitter=0.5,loss=0.3,delay=0.1,duplicate=0.2");
+  EXPECT_EQ(all.loss, 0.3);
+  EXPECT_EQ(all.duplicate, 0.2);
+  EXPECT_EQ(all.delay_s, 0.1);
+  EXPECT_EQ(all.jitter_s, 0.5);
+  EXPECT_EQ(all.seed, 7U);
+  EXPECT_TRUE(all.any());
+  EXPECT_FALSE(Impairment::parse("").any());
+  EXPECT_FALSE(Impairment::parse("seed=3").any());
+  EXPECT_EQ(Impairment::parse("loss=0,duplicate=1").duplicate, 1.0);
+}
+
+class UnusableImpairment : public testing::TestWithParam<const char*> {};
+
+TEST_P(UnusableImpairment, IsRefusedWithItsNameAndTheMend) {
+  const std::string entry = GetParam();
+  try {
+    Impairment::parse("delay=0.1," + entry);
+    FAIL() << "'" << entry << "' was accepted";
+  } catch (const ConfigError& error) {
+    EXPECT_THAT(error.what(), HasSubstr("'" + entry + "'"));
+    EXPECT_THAT(error.what(), HasSubstr("loss=0..1"));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Entries, UnusableImpairment,
+                         testing::Values("loss=1", "loss=-0.1", "loss=1.5", "loss=nan", "loss=", "loss", "loss=0.3x",
+                                         "duplicate=1.1", "delay=-1", "delay=inf", "jitter=fast", "seed=-1", "Loss=0.3",
+                                         " loss=0.3", "speed=3", "=1", "loss=0.1=0.2"));
+
+TEST(ImpairedQueue, PassesEverythingInOrderWhenNothingIsImpaired) {
+  ImpairedQueue<SE2> queue{Impairment{}};
+  for (std::uint32_t i = 0; i < 100; ++i) queue.push(numbered(i), 1.0);
+  const auto out = numbers(queue.take(1.0));
+  ASSERT_EQ(out.size(), 100U);
+  EXPECT_TRUE(std::is_sorted(out.begin(), out.end()));
+  EXPECT_EQ(queue.lost(), 0U);
+  EXPECT_TRUE(queue.take(2.0).empty());
+}
+
+TEST(ImpairedQueue, SameSeedSameFateOtherSeedOtherFate) {
+  Impairment impairment{.loss = 0.3, .duplicate = 0.2, .delay_s = 0.1, .jitter_s = 0.5, .seed = 42};
+  const auto first = through(impairment, 1000);
+  EXPECT_EQ(through(impairment, 1000), first);
+  impairment.seed = 43;
+  EXPECT_NE(through(impairment, 1000), first);
+}
+
+TEST(ImpairedQueue, LosesAndDoublesAtTheGivenRates) {
+  constexpr int n = 20000;
+  for (const double rate : {0.05, 0.3, 0.7}) {
+    // Five standard deviations of a binomial share.
+    const double band = 5.0 * std::sqrt(rate * (1.0 - rate) / n);
+    const auto kept = through({.loss = rate, .seed = 11}, n);
+    EXPECT_NEAR(1.0 - static_cast<double>(kept.size()) / n, rate, band) << "seed 11";
+    const auto doubled = through({.duplicate = rate, .seed = 12}, n);
+    EXPECT_NEAR(static_cast<double>(doubled.size()) / n - 1.0, rate, band) << "seed 12";
+  }
+}
+
+TEST(ImpairedQueue, CountsWhatItLoses) {
+  ImpairedQueue<SE2> queue({.loss = 0.5, .seed = 3});
+  for (std::uint32_t i = 0; i < 1000; ++i) queue.push(numbered(i), 0.0);
+  const auto out = queue.take(0.0);
+  EXPECT_GT(queue.lost(), 0U);
+  EXPECT_EQ(queue.lost() + out.size(), 1000U);
+}
+
+TEST(ImpairedQueue, DelayHoldsBackAndKeepsOrder) {
+  ImpairedQueue<SE2> queue({.delay_s = 0.5});
+  queue.push(numbered(0), 10.0);
+  queue.push(numbered(1), 10.2);
+  EXPECT_TRUE(queue.take(10.49).empty());
+  EXPECT_EQ(numbers(queue.take(10.5)), (std::vector<std::uint32_t>{0}));
+  EXPECT_EQ(numbers(queue.take(11.0)), (std::vector<std::uint32_t>{1}));
+}
+
+TEST(ImpairedQueue, JitterReordersWithinItsBounds) {
+  const Impairment impairment{.delay_s = 0.2, .jitter_s = 0.5, .seed = 5};
+  ImpairedQueue<SE2> queue(impairment);
+  for (std::uint32_t i = 0; i < 1000; ++i) queue.push(numbered(i), 0.0);
+  EXPECT_TRUE(queue.take(0.199).empty());
+  auto early = queue.take(0.45), late = queue.take(0.7);
+  EXPECT_EQ(early.size() + late.size(), 1000U);
+  EXPECT_NEAR(static_cast<double>(early.size()), 500.0, 80.0);
+  auto order = numbers(early);
+  EXPECT_FALSE(std::is_sorted(order.begin(), order.end()));
+}
+
+TEST(ImpairedExchange, ImpairsWhatIsReceivedAndNothingElse) {
+  InProcessNetwork<SE2> network;
+  auto sender = network.join();
+  ImpairedExchange<SE2> lossy(network.join(), {.loss = 0.5, .seed = 9});
+  auto sound = network.join();
+  for (std::uint32_t i = 0; i < 1000; ++i) ASSERT_EQ(sender->send(numbered(i)), SendStatus::sent);
+  ASSERT_EQ(lossy.send(numbered(4711)), SendStatus::sent);
+  const auto got = lossy.take(0.0);
+  EXPECT_LT(got.size(), 1000U);
+  EXPECT_EQ(got.size() + lossy.counters().dropped, 1000U);
+  EXPECT_EQ(lossy.counters().messages_sent, 1U);
+  EXPECT_EQ(sound->take(0.0).size(), 1001U);
+  EXPECT_EQ(sender->take(0.0).size(), 1U);
+}
+
+}  // namespace
+}  // namespace convoy

@@ -1,0 +1,395 @@
+#include <convoy/exchange/in_process.hpp>
+#include <convoy/exchange/repair.hpp>
+
+#include "../sample_facts.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <ostream>
+#include <string>
+
+namespace convoy {
+namespace {
+
+using test::chain_of;
+using test::key_of;
+
+constexpr double step_s = 0.1;
+
+/// A vehicle that stores what it hears, announces what it knows and repairs what it lacks.
+class Peer {
+ public:
+  Peer(VehicleId vehicle, InProcessNetwork<SE2>& network, const Impairment& impairment = {}, RepairParams params = {})
+      : self_(chain_of(vehicle)),
+        params_(params),
+        repair_(self_, params, 1000 + vehicle),
+        exchange_(network.join(impairment)) {}
+
+  /// Keeps a fact of its own and sends it, or keeps silent about it.
+  void publish(const test::Fact& fact, bool send = true) {
+    ASSERT_EQ(test::insert(store, fact), Insertion::inserted);
+    if (send) std::visit([&](const auto& f) { put(payload_of(f)); }, fact);
+  }
+
+  void step(double now_s) {
+    for (const auto& message : exchange_->take(now_s))
+      std::visit([&](const auto& p) { handle(p, now_s); }, message.payload);
+    for (auto& payload : repair_.due(store, now_s)) put(std::move(payload));
+    if (now_s >= next_digest_s_) {
+      put(Digest{2, store.marks(), store.digest(), 0, 0, 0});
+      next_digest_s_ = now_s + params_.digest_period_s;
+    }
+  }
+
+  const RepairCounters& counters() const { return repair_.counters(); }
+  std::uint64_t dropped() const { return exchange_->counters().dropped; }
+
+  test::Store store;
+
+ private:
+  static Payload<SE2> payload_of(const LandmarkFact<SE2>& f) { return LandmarkBatch<SE2>{{f}}; }
+  template <class Fact>
+  static Payload<SE2> payload_of(const Fact& f) {
+    return f;
+  }
+
+  void put(Payload<SE2> payload) { ASSERT_EQ(exchange_->send({self_, std::move(payload)}), SendStatus::sent); }
+
+  void handle(const LandmarkBatch<SE2>& batch, double) {
+    for (const auto& landmark : batch.landmarks) keep(FactKind::landmark, landmark);
+  }
+  void handle(const AnchorFact<SE2>& f, double) { keep(FactKind::anchor, f); }
+  void handle(const PriorFact<SE2>& f, double) { keep(FactKind::prior, f); }
+  void handle(const AssociationFact& f, double) { keep(FactKind::association, f); }
+  void handle(const VerdictFact& f, double) { keep(FactKind::verdict, f); }
+  void handle(const LivePose<SE2>&, double) {}
+  void handle(const Request& request, double now_s) { repair_.on_request(store, request, now_s); }
+  void handle(const Digest& digest, double) { repair_.on_digest(store, digest); }
+
+  template <class Fact>
+  void keep(FactKind kind, const Fact& fact) {
+    store.insert(fact);
+    repair_.on_fact_seen(kind, fact.key);
+  }
+
+  ChainId self_;
+  RepairParams params_;
+  RepairProtocol<SE2> repair_;
+  std::unique_ptr<SubmapExchange<SE2>> exchange_;
+  double next_digest_s_ = 0.0;
+};
+
+using Peers = std::vector<std::unique_ptr<Peer>>;
+
+bool all_equal(const Peers& peers) {
+  return std::all_of(peers.begin(), peers.end(), [&](const auto& peer) {
+    return peer->store.missing_count() == 0 && peer->store.marks() == peers.front()->store.marks() &&
+           peer->store.digest() == peers.front()->store.digest();
+  });
+}
+
+/// Steps all peers until `done` or `until_s`; returns the time reached.
+template <class Done>
+double run(const Peers& peers, double from_s, double until_s, Done done) {
+  double now_s = from_s;
+  for (; now_s < until_s && !done(); now_s += step_s)
+    for (const auto& peer : peers) peer->step(now_s);
+  return now_s;
+}
+double run(const Peers& peers, double from_s, double until_s) {
+  return run(peers, from_s, until_s, [] { return false; });
+}
+
+/// A fleet in which every vehicle publishes its facts, one per step, over a bad network.
+struct Bad {
+  VehicleId vehicles;
+  double deadline_s;  ///< after the last fact was published
+  Impairment impairment;
+};
+void PrintTo(const Bad& bad, std::ostream* out) {
+  *out << bad.vehicles << " vehicles, loss " << bad.impairment.loss << ", duplicate " << bad.impairment.duplicate
+       << ", jitter " << bad.impairment.jitter_s << " s";
+}
+class RepairOverABadNetwork : public testing::TestWithParam<Bad> {};
+
+TEST_P(RepairOverABadNetwork, EveryoneEndsWithEveryFact) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    InProcessNetwork<SE2> network;
+    Impairment impairment = GetParam().impairment;
+    impairment.seed = seed;
+    Peers peers;
+    std::vector<std::vector<test::Fact>> facts;
+    for (VehicleId v = 1; v <= GetParam().vehicles; ++v) {
+      peers.push_back(std::make_unique<Peer>(v, network, impairment));
+      facts.push_back(test::chain_facts(v, 12));
+    }
+    double now_s = 0.0;
+    for (std::size_t i = 0; i < facts[0].size(); ++i, now_s += step_s)
+      for (std::size_t v = 0; v < peers.size(); ++v) {
+        peers[v]->publish(facts[v][i]);
+        peers[v]->step(now_s);
+      }
+    EXPECT_FALSE(all_equal(peers));
+    run(peers, now_s, now_s + GetParam().deadline_s, [&] { return all_equal(peers); });
+    EXPECT_TRUE(all_equal(peers));
+    for (const auto& peer : peers) {
+      EXPECT_EQ(peer->store.size(), facts.size() * facts[0].size());
+      EXPECT_GT(peer->dropped(), 0U);
+      EXPECT_EQ(test::counted(peer->store, Insertion::conflict), 0U);
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Networks, RepairOverABadNetwork,
+    testing::Values(Bad{2, 60.0, {.loss = 0.3}}, Bad{3, 60.0, {.loss = 0.3}},
+                    Bad{3, 60.0, {.loss = 0.3, .duplicate = 0.3, .delay_s = 0.05, .jitter_s = 1.0}},
+                    Bad{5, 240.0, {.loss = 0.6, .jitter_s = 0.5}}));
+
+TEST(Repair, AsksForNothingWhenNothingIsMissing) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  for (const auto& fact : test::chain_facts(1, 5)) peers[0]->publish(fact);
+  run(peers, 0.0, 30.0);
+  EXPECT_TRUE(all_equal(peers));
+  for (const auto& peer : peers) {
+    EXPECT_EQ(peer->counters().requests_sent, 0U);
+    EXPECT_EQ(peer->counters().facts_served, 0U);
+  }
+}
+
+TEST(Repair, ALostTailIsFoundByTheDigest) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  for (std::uint32_t k = 0; k < 10; ++k) peers[0]->publish(test::anchor(1, k), k < 7);
+  peers[1]->step(0.0);  // seven in a row: no gap is visible
+  EXPECT_EQ(peers[1]->store.size(), 7U);
+  EXPECT_EQ(peers[1]->store.missing_count(), 0U);
+  run(peers, step_s, 10.0, [&] { return all_equal(peers); });
+  EXPECT_TRUE(all_equal(peers));
+  EXPECT_EQ(peers[1]->counters().requests_sent, 1U);
+  EXPECT_EQ(peers[0]->counters().facts_served, 3U);
+  EXPECT_EQ(peers[0]->counters().facts_relayed, 0U);
+}
+
+TEST(Repair, WhoeverHoldsAFactServesItWhenItsAuthorIsGone) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  const auto facts = test::chain_facts(1, 10);
+  for (const auto& fact : facts) peers[0]->publish(fact);
+  const double gone_s = run(peers, 0.0, 1.0);
+  peers.erase(peers.begin());
+  peers.push_back(std::make_unique<Peer>(3, network));  // never met the author
+  run(peers, gone_s, gone_s + 30.0, [&] { return all_equal(peers); });
+  EXPECT_TRUE(all_equal(peers));
+  EXPECT_EQ(peers[1]->store.size(), facts.size());
+  EXPECT_EQ(peers[0]->counters().facts_relayed, facts.size());
+}
+
+TEST(Repair, FactsCrossTheFleetHopByHop) {
+  // 1 and 2 never hear each other, and 3 hears both; 1 leaves before 2 comes.
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 3U}) peers.push_back(std::make_unique<Peer>(v, network));
+  for (const auto& fact : test::chain_facts(1, 3)) peers[0]->publish(fact);
+  double now_s = run(peers, 0.0, 5.0);
+  peers[0] = std::make_unique<Peer>(2, network);
+  now_s = run(peers, now_s, now_s + 30.0, [&] { return all_equal(peers); });
+  peers[1] = std::make_unique<Peer>(4, network);  // now 3 is gone as well
+  run(peers, now_s, now_s + 30.0, [&] { return all_equal(peers); });
+  EXPECT_TRUE(all_equal(peers));
+  EXPECT_EQ(peers[1]->store.size(), test::chain_facts(1, 3).size());
+}
+
+TEST(Repair, RelayersKeepQuietWhenTheAuthorAnswers) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U, 3U, 4U}) peers.push_back(std::make_unique<Peer>(v, network));
+  const auto facts = test::chain_facts(1, 10);
+  for (const auto& fact : facts) peers[0]->publish(fact);
+  const double now_s = run(peers, 0.0, 1.0);
+  peers.push_back(std::make_unique<Peer>(5, network));
+  run(peers, now_s, now_s + 30.0);
+  EXPECT_TRUE(all_equal(peers));
+  EXPECT_EQ(peers[0]->counters().facts_served, facts.size());
+  for (std::size_t i = 1; i < 4; ++i) {
+    EXPECT_EQ(peers[i]->counters().facts_relayed, 0U) << i;
+    EXPECT_EQ(peers[i]->counters().answers_suppressed, facts.size()) << i;
+  }
+}
+
+TEST(Repair, OfSeveralRelayersFewAnswer) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U, 3U, 4U, 5U}) peers.push_back(std::make_unique<Peer>(v, network));
+  const auto facts = test::chain_facts(1, 20);
+  for (const auto& fact : facts) peers[0]->publish(fact);
+  const double now_s = run(peers, 0.0, 1.0);
+  peers.erase(peers.begin());
+  peers.push_back(std::make_unique<Peer>(6, network));
+  run(peers, now_s, now_s + 30.0);
+  EXPECT_TRUE(all_equal(peers));
+  std::uint64_t relayed = 0, suppressed = 0;
+  for (const auto& peer : peers) {
+    relayed += peer->counters().facts_relayed;
+    suppressed += peer->counters().answers_suppressed;
+  }
+  EXPECT_GE(relayed, facts.size());
+  EXPECT_LT(relayed, 2 * facts.size());  // four could have answered each
+  EXPECT_EQ(relayed + suppressed, 4 * facts.size());
+}
+
+TEST(Repair, AnswersAreLimitedInRateAndNoneIsForgotten) {
+  RepairParams params;
+  params.answers_per_s = 50.0;
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network, Impairment{}, params));
+  constexpr std::uint32_t n = 1000;
+  for (std::uint32_t k = 0; k < n; ++k) peers[0]->publish(test::anchor(1, k), false);
+  std::uint64_t before = 0;
+  double worst = 0.0;
+  double now_s = 0.0;
+  for (; now_s < 60.0 && !all_equal(peers); now_s += 1.0) {
+    run(peers, now_s, now_s + 1.0 - 0.5 * step_s);
+    worst = std::max(worst, static_cast<double>(peers[0]->counters().facts_served - before));
+    before = peers[0]->counters().facts_served;
+  }
+  EXPECT_TRUE(all_equal(peers));
+  EXPECT_LE(worst, 2.0 * params.answers_per_s);  // one second's worth may have been saved up
+  EXPECT_GT(now_s, n / params.answers_per_s - 2.0);
+  EXPECT_LT(now_s, 2.0 * n / params.answers_per_s);
+}
+
+TEST(Repair, AGapIsRepairedWhileNewFactsKeepComing) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  double now_s = 0.0, repaired_s = -1.0;
+  for (std::uint32_t k = 0; k < 300; ++k, now_s += step_s) {  // one fact per step, number 3 is lost
+    peers[0]->publish(test::anchor(1, k), k != 3);
+    for (const auto& peer : peers) peer->step(now_s);
+    if (repaired_s < 0.0 && peers[1]->store.anchor(key_of(1, 3)) != nullptr) repaired_s = now_s;
+  }
+  EXPECT_GT(repaired_s, 0.0) << "not repaired within " << now_s << " s";
+  EXPECT_LT(repaired_s, 5.0);
+}
+
+/// Payloads of type T among what is due at `now_s`.
+template <class T>
+std::vector<T> due(RepairProtocol<SE2>& repair, const test::Store& store, double now_s) {
+  std::vector<T> list;
+  for (auto& payload : repair.due(store, now_s))
+    if (auto* item = std::get_if<T>(&payload)) list.push_back(std::move(*item));
+  return list;
+}
+
+TEST(Repair, AYoungGapIsGivenTime) {
+  RepairParams params;
+  params.grace_s = 2.0;
+  RepairProtocol<SE2> repair(chain_of(2), params, 1);
+  test::Store store;
+  store.insert(test::anchor(1, 1));
+  for (double now_s = 0.0; now_s < 1.95; now_s += step_s)
+    EXPECT_TRUE(due<Request>(repair, store, now_s).empty()) << now_s;
+  std::vector<Request> requests;
+  for (double now_s = 2.0; now_s < 4.2 && requests.empty(); now_s += step_s)
+    requests = due<Request>(repair, store, now_s);
+  ASSERT_EQ(requests.size(), 1U);
+  EXPECT_EQ(requests[0].target, chain_of(1));
+  EXPECT_EQ(requests[0].kind, FactKind::anchor);
+  EXPECT_EQ(requests[0].ranges, (std::vector<IndexRange>{{0, 1}}));
+}
+
+TEST(Repair, WhatArrivesWithinTheGraceIsNeverAskedFor) {
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  test::Store store;
+  store.insert(test::anchor(1, 1));
+  EXPECT_TRUE(due<Request>(repair, store, 0.0).empty());
+  store.insert(test::anchor(1, 0));
+  for (double now_s = step_s; now_s < 20.0; now_s += step_s) EXPECT_TRUE(due<Request>(repair, store, now_s).empty());
+}
+
+TEST(Repair, RequestsBackOffAndNeverCease) {
+  const RepairParams params;
+  RepairProtocol<SE2> repair(chain_of(2), params, 1);
+  test::Store store;
+  store.announce(chain_of(1), FactKind::landmark, 5);
+  std::vector<double> at_s;
+  for (double now_s = 0.0; now_s < 200.0; now_s += step_s)
+    if (!due<Request>(repair, store, now_s).empty()) at_s.push_back(now_s);
+  ASSERT_GE(at_s.size(), 200.0 / (1.25 * params.backoff_max_s + step_s));
+  EXPECT_LE(at_s.size(), 200.0 / (0.75 * params.backoff_max_s) + 6.0);
+  EXPECT_LT(at_s[1] - at_s[0], 1.25 * params.backoff_min_s + 2 * step_s);
+  for (std::size_t i = 6; i < at_s.size(); ++i) {
+    EXPECT_GT(at_s[i] - at_s[i - 1], 0.75 * params.backoff_max_s - 2 * step_s);
+    EXPECT_LT(at_s[i] - at_s[i - 1], 1.25 * params.backoff_max_s + 2 * step_s);
+  }
+}
+
+TEST(Repair, ARequestNamesAtMostSoManyRanges) {
+  RepairParams params;
+  params.max_ranges = 4;
+  RepairProtocol<SE2> repair(chain_of(2), params, 1);
+  test::Store store;
+  for (std::uint32_t k = 1; k < 40; k += 2) store.insert(test::anchor(1, k));
+  due<Request>(repair, store, 0.0);
+  const auto requests = due<Request>(repair, store, 10.0);
+  ASSERT_EQ(requests.size(), 1U);
+  EXPECT_EQ(requests[0].ranges, (std::vector<IndexRange>{{0, 1}, {2, 3}, {4, 5}, {6, 7}}));
+}
+
+TEST(Repair, LandmarksAreServedInBatchesOfOneAnchorAndLimitedSize) {
+  RepairParams params;
+  params.batch_limit = 3;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store;
+  for (std::uint32_t i = 0; i < 12; ++i) store.insert(test::landmark(1, i));  // four to each of three anchors
+  repair.on_request(store, {chain_of(1), FactKind::landmark, {{0, 12}}}, 100.0);
+  const auto batches = due<LandmarkBatch<SE2>>(repair, store, 100.0);
+  std::vector<std::size_t> sizes;
+  std::uint32_t next = 0;
+  for (const auto& batch : batches) {
+    sizes.push_back(batch.landmarks.size());
+    for (const auto& landmark : batch.landmarks) {
+      EXPECT_EQ(landmark.anchor_key(), batch.landmarks.front().anchor_key());
+      EXPECT_EQ(landmark.key.index, next++);
+    }
+  }
+  EXPECT_EQ(sizes, (std::vector<std::size_t>{3, 1, 3, 1, 3, 1}));
+}
+
+TEST(Repair, HostileRequestsAreHarmless) {
+  RepairProtocol<SE2> repair(chain_of(1), {}, 1);
+  test::Store store;
+  for (const std::uint32_t k : {0U, 1U, 2U}) store.insert(test::anchor(1, k));
+  repair.on_request(store, {chain_of(99), FactKind::anchor, {{0, 10}}}, 100.0);        // a chain nobody knows
+  repair.on_request(store, {chain_of(1), FactKind::anchor, {{7, 2}, {5, 5}}}, 100.0);  // empty and reversed ranges
+  repair.on_request(store, {chain_of(1), FactKind::landmark, {{0, 10}}}, 100.0);       // nothing held
+  repair.on_request(store, {chain_of(1), static_cast<FactKind>(77), {{0, 10}}}, 100.0);
+  EXPECT_TRUE(repair.due(store, 101.0).empty());
+  for (int i = 0; i < 1000; ++i) repair.on_request(store, {chain_of(1), FactKind::anchor, {{0, 0xffffffffU}}}, 102.0);
+  EXPECT_EQ(repair.due(store, 103.0).size(), 3U);  // however often asked
+  EXPECT_TRUE(repair.due(store, 104.0).empty());
+  EXPECT_EQ(repair.counters().requests_heard, 1004U);
+}
+
+TEST(Repair, DigestsOfStrangersAskForNothing) {
+  FactLimits limits;
+  limits.roster = {1, 2};
+  test::Store store(limits);
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  repair.on_digest(store, {2, {{chain_of(66), FactKind::anchor, 1000, 1000, 1}}, 0, 0, 0, 0});
+  EXPECT_EQ(store.missing_count(), 0U);
+  for (double now_s = 0.0; now_s < 20.0; now_s += step_s) EXPECT_TRUE(repair.due(store, now_s).empty());
+}
+
+}  // namespace
+}  // namespace convoy

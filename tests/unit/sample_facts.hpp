@@ -1,0 +1,90 @@
+// Small, valid, mutually consistent facts for tests.
+#pragma once
+
+#include <convoy/geometry/groups.hpp>
+#include <convoy/submap/fact_store.hpp>
+#include <convoy/submap/facts.hpp>
+
+#include <variant>
+#include <vector>
+
+namespace convoy::test {
+
+using Anchor = AnchorFact<SE2>;
+using Landmark = LandmarkFact<SE2>;
+using Prior = PriorFact<SE2>;
+using Store = FactStore<SE2>;
+using Fact = std::variant<Anchor, Landmark, Prior, AssociationFact, VerdictFact>;
+
+inline constexpr Epoch epoch = 1700000000;
+
+inline ChainId chain_of(VehicleId vehicle) { return {vehicle, epoch}; }
+inline Key key_of(VehicleId vehicle, std::uint32_t index) { return {chain_of(vehicle), index}; }
+
+/// Anchors lie 25 m apart on a slight bend; number 0 is the origin, as it must be.
+inline Anchor anchor(VehicleId vehicle, std::uint32_t index) {
+  Anchor fact{key_of(vehicle, index), {}};
+  fact.state.stamp_s = 10.0 * index;
+  fact.state.abscissa_m = 25.0 * index;
+  fact.state.pose = SE2::Exp({25.0 * index, 0.0, 0.01 * index});
+  fact.state.drift = 0.01 * index * SE2::Covariance::Identity();
+  return fact;
+}
+
+/// Four landmarks per anchor.
+inline Landmark landmark(VehicleId vehicle, std::uint32_t index) {
+  Landmark fact;
+  fact.key = key_of(vehicle, index);
+  fact.anchor = index / 4;
+  fact.position = {3.0 + index % 4, -2.0 - 0.5 * vehicle};
+  fact.covariance << 0.04, 0.01, 0.01, 0.09;
+  fact.loading.col(0) << 0.1, 0.05;
+  fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
+  fact.descriptor.bytes[index % 32] = static_cast<std::uint8_t>(vehicle);
+  return fact;
+}
+
+inline Prior prior(VehicleId vehicle) {
+  Prior fact{key_of(vehicle, 0), true, SE2(-20.0 * vehicle, 1.0, 0.1)};
+  fact.covariance = Eigen::Vector3d(81.0, 81.0, 0.02).asDiagonal();
+  return fact;
+}
+
+/// The first `count` landmarks of a's batch at `anchor_index` are those of b's.
+inline std::vector<Pairing> pairings(VehicleId a, VehicleId b, std::uint32_t anchor_index, std::uint32_t count) {
+  std::vector<Pairing> list;
+  for (std::uint32_t i = 0; i < count; ++i)
+    list.emplace_back(key_of(a, 4 * anchor_index + i), key_of(b, 4 * anchor_index + i));
+  return canonical(std::move(list));
+}
+
+inline AssociationFact association(VehicleId author, std::uint32_t index, std::vector<Pairing> list) {
+  return {key_of(author, index), std::move(list)};
+}
+
+inline VerdictFact verdict(VehicleId author, std::uint32_t index, Hash hypothesis, bool veto) {
+  return {key_of(author, index), hypothesis, veto};
+}
+
+/// All facts of one vehicle: `anchors` anchors with their landmarks, a prior, and for each anchor an association with
+/// the next vehicle's, the last of them vetoed.
+inline std::vector<Fact> chain_facts(VehicleId vehicle, std::uint32_t anchors) {
+  std::vector<Fact> facts{prior(vehicle)};
+  for (std::uint32_t k = 0; k < anchors; ++k) {
+    facts.emplace_back(anchor(vehicle, k));
+    for (std::uint32_t i = 0; i < 4; ++i) facts.emplace_back(landmark(vehicle, 4 * k + i));
+    facts.emplace_back(association(vehicle, k, pairings(vehicle, vehicle + 1, k, 3)));
+  }
+  facts.emplace_back(verdict(vehicle, 0, hypothesis_id(pairings(vehicle, vehicle + 1, anchors - 1, 3)), true));
+  return facts;
+}
+
+inline Insertion insert(Store& store, const Fact& fact) {
+  return std::visit([&](const auto& f) { return store.insert(f); }, fact);
+}
+
+inline std::uint64_t counted(const Store& store, Insertion result) {
+  return store.insertions()[static_cast<std::size_t>(result)];
+}
+
+}  // namespace convoy::test
