@@ -1,0 +1,488 @@
+#include <convoy/dds/convert.hpp>
+#include <convoy/dds/wire_bounds.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+namespace convoy::dds {
+namespace {
+
+// ---- group elements --------------------------------------------------------------------------------------------
+
+std::vector<double> coordinates(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
+
+WireStatus from_coordinates(const std::vector<double>& c, SE2& T) {
+  if (c.size() != 3) return WireStatus::wrong_size;
+  for (const double value : c)
+    if (!std::isfinite(value)) return WireStatus::not_finite;
+  // The content hash of a fact covers the angle as stored: an angle that would be wrapped here was not written by us.
+  if (wrap_angle(c[2]) != c[2]) return WireStatus::out_of_range;
+  T = SE2(c[0], c[1], c[2]);
+  return WireStatus::ok;
+}
+
+// ---- small parts -----------------------------------------------------------------------------------------------
+
+template <class Matrix>
+WireStatus pack(const Matrix& P, std::vector<double>& out) {
+  out.clear();
+  out.reserve(static_cast<std::size_t>(P.rows() * (P.rows() + 1) / 2));
+  for (Eigen::Index r = 0; r < P.rows(); ++r)
+    for (Eigen::Index c = r; c < P.cols(); ++c) {
+      if (P(r, c) != P(c, r)) return std::isfinite(P(r, c)) ? WireStatus::not_symmetric : WireStatus::not_finite;
+      out.push_back(P(r, c));
+    }
+  return WireStatus::ok;
+}
+
+template <class Matrix>
+WireStatus unpack(const std::vector<double>& in, Matrix& P) {
+  if (in.size() != static_cast<std::size_t>(P.rows() * (P.rows() + 1) / 2)) return WireStatus::wrong_size;
+  auto next = in.begin();
+  for (Eigen::Index r = 0; r < P.rows(); ++r)
+    for (Eigen::Index c = r; c < P.cols(); ++c) {
+      if (!std::isfinite(*next)) return WireStatus::not_finite;
+      P(r, c) = P(c, r) = *next++;
+    }
+  return WireStatus::ok;
+}
+
+v1::Chain wire_chain(const ChainId& chain) {
+  v1::Chain out;
+  out.epoch(chain.epoch);
+  out.vehicle(chain.vehicle);
+  return out;
+}
+
+ChainId core_chain(const v1::Chain& chain) { return {chain.vehicle(), chain.epoch()}; }
+
+template <class Sample>
+ChainId author(const Sample& sample) {
+  return {sample.vehicle(), sample.epoch()};
+}
+
+template <class Sample>
+void set_author(const ChainId& chain, Sample& sample) {
+  sample.vehicle(chain.vehicle);
+  sample.epoch(chain.epoch);
+}
+
+template <class Sample>
+void set_key(const ChainId& sender, const Key& key, Sample& sample) {
+  sample.sender(wire_chain(sender));
+  set_author(key.chain, sample);
+  sample.index(key.index);
+}
+
+/// Sender and author are somebody.
+template <class Sample>
+WireStatus check_names(const Sample& sample) {
+  return sample.sender().vehicle() != 0 && sample.vehicle() != 0 ? WireStatus::ok : WireStatus::out_of_range;
+}
+
+template <class G, class Sample>
+WireStatus check_dimension(const Sample& sample) {
+  return sample.dimension() == G::Dim ? WireStatus::ok : WireStatus::wrong_dimension;
+}
+
+template <class... Rest>
+WireStatus first_refusal(WireStatus first, Rest... rest) {
+  if constexpr (sizeof...(rest) == 0) return first;
+  else return first != WireStatus::ok ? first : first_refusal(rest...);
+}
+
+template <class G>
+WireStatus to_wire_state(const ChainState<G>& state, v1::ChainState& out) {
+  out.stamp_s(state.stamp_s);
+  out.abscissa_m(state.abscissa_m);
+  out.pose(coordinates(state.pose));
+  return pack(state.drift, out.drift());
+}
+
+template <class G>
+WireStatus from_wire_state(const v1::ChainState& in, ChainState<G>& state) {
+  if (!std::isfinite(in.stamp_s()) || !std::isfinite(in.abscissa_m())) return WireStatus::not_finite;
+  state.stamp_s = in.stamp_s();
+  state.abscissa_m = in.abscissa_m();
+  return first_refusal(from_coordinates(in.pose(), state.pose), unpack(in.drift(), state.drift));
+}
+
+// The core's enums and the wire's have the same numbers.
+static_assert(v1::KIND_VERDICT == static_cast<std::uint32_t>(FactKind::verdict));
+static_assert(v1::INTEGRITY_SUSPECT == static_cast<std::uint32_t>(Integrity::suspect));
+static_assert(v1::DESCRIPTOR_PATCH_8X8_4BIT == static_cast<std::uint32_t>(Descriptor::Kind::patch_8x8_4bit));
+
+template <class To, class From>
+WireStatus convert_enum(From from, From last, To& to) {
+  if (static_cast<std::uint32_t>(from) > static_cast<std::uint32_t>(last)) return WireStatus::unknown_enum;
+  to = static_cast<To>(from);
+  return WireStatus::ok;
+}
+
+// ---- landmarks -------------------------------------------------------------------------------------------------
+
+bool blank(const Descriptor& descriptor) {
+  return std::all_of(descriptor.bytes.begin(), descriptor.bytes.end(), [](std::uint8_t b) { return b == 0; });
+}
+
+template <class G>
+WireStatus to_wire_point(const LandmarkFact<G>& fact, v1::LandmarkPoint& point) {
+  point.index(fact.key.index);
+  point.descriptor_kind(static_cast<v1::DescriptorKind>(fact.descriptor.kind));
+  if (!blank(fact.descriptor)) point.descriptor().assign(fact.descriptor.bytes.begin(), fact.descriptor.bytes.end());
+  point.position().assign(fact.position.data(), fact.position.data() + fact.position.size());
+  static_assert(G::Loading::SizeAtCompileTime > 0 && G::Loading::SizeAtCompileTime <= int{bounds::loading});
+  if (!fact.loading.isZero(0.0)) point.loading().assign(fact.loading.data(), fact.loading.data() + fact.loading.size());
+  return pack(fact.covariance, point.covariance());
+}
+
+WireStatus from_wire_descriptor(const v1::LandmarkPoint& point, Descriptor& descriptor) {
+  const auto& bytes = point.descriptor();
+  if (!bytes.empty() && bytes.size() != descriptor.bytes.size()) return WireStatus::wrong_size;
+  std::copy(bytes.begin(), bytes.end(), descriptor.bytes.begin());
+  return convert_enum(point.descriptor_kind(), v1::DESCRIPTOR_PATCH_8X8_4BIT, descriptor.kind);
+}
+
+template <class G>
+WireStatus from_wire_loading(const std::vector<double>& in, typename G::Loading& loading) {
+  loading.setZero();
+  if (in.empty()) return WireStatus::ok;
+  if (in.size() != static_cast<std::size_t>(loading.size())) return WireStatus::wrong_size;
+  std::copy(in.begin(), in.end(), loading.data());
+  return loading.allFinite() ? WireStatus::ok : WireStatus::not_finite;
+}
+
+template <class G>
+WireStatus from_wire_point(const v1::LandmarkPoint& point, LandmarkFact<G>& fact) {
+  fact.key.index = point.index();
+  if (point.position().size() != static_cast<std::size_t>(G::Dim)) return WireStatus::wrong_size;
+  std::copy(point.position().begin(), point.position().end(), fact.position.data());
+  if (!fact.position.allFinite()) return WireStatus::not_finite;
+  return first_refusal(unpack(point.covariance(), fact.covariance), from_wire_loading<G>(point.loading(), fact.loading),
+                       from_wire_descriptor(point, fact.descriptor));
+}
+
+/// An upper bound of what one landmark adds to a sample, alignment included.
+template <class G>
+std::size_t point_bytes(const LandmarkFact<G>& fact) {
+  constexpr std::size_t packed = static_cast<std::size_t>(G::Dim * (G::Dim + 1) / 2);
+  const std::size_t loading = fact.loading.isZero(0.0) ? 0 : static_cast<std::size_t>(fact.loading.size());
+  return 8 + 4 + (blank(fact.descriptor) ? 0 : bounds::descriptor) + 3 * (4 + 4) +
+         8 * (static_cast<std::size_t>(G::Dim) + packed + loading);
+}
+
+constexpr std::size_t landmark_header_bytes = 40;
+constexpr std::size_t max_landmarks_per_sample = 16;
+
+}  // namespace
+
+const char* to_string(WireStatus status) {
+  switch (status) {
+    case WireStatus::ok: return "ok";
+    case WireStatus::wrong_dimension: return "wrong dimension";
+    case WireStatus::wrong_size: return "wrong size";
+    case WireStatus::unknown_enum: return "unknown enumerator";
+    case WireStatus::too_many: return "too many elements";
+    case WireStatus::not_finite: return "not finite";
+    case WireStatus::out_of_range: return "out of range";
+    case WireStatus::not_symmetric: return "covariance not symmetric to the bit";
+  }
+  return "unknown";
+}
+
+// ---- anchors ---------------------------------------------------------------------------------------------------
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, const AnchorFact<G>& fact, v1::Bias& sample) {
+  set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
+  sample.first_landmark(fact.first_landmark);
+  sample.landmark_count(fact.landmark_count);
+  return to_wire_state(fact.state, sample.state());
+}
+
+template <class G>
+WireStatus from_wire(const v1::Bias& sample, Message<G>& message) {
+  AnchorFact<G> fact;
+  fact.first_landmark = sample.first_landmark();
+  fact.landmark_count = sample.landmark_count();
+  fact.key = {author(sample), sample.index()};
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  const WireStatus state = from_wire_state(sample.state(), fact.state);
+  message = {core_chain(sample.sender()), std::move(fact)};
+  return state;
+}
+
+// ---- landmarks -------------------------------------------------------------------------------------------------
+
+template <class G>
+std::vector<std::span<const LandmarkFact<G>>> split(std::span<const LandmarkFact<G>> batch) {
+  std::vector<std::span<const LandmarkFact<G>>> parts;
+  for (std::size_t first = 0; first < batch.size();) {
+    std::size_t n = 0;
+    std::size_t bytes = landmark_header_bytes;
+    while (first + n < batch.size() && n < max_landmarks_per_sample &&
+           batch[first + n].anchor_key() == batch[first].anchor_key()) {
+      bytes += point_bytes(batch[first + n]);
+      if (n > 0 && bytes > max_landmark_sample_bytes) break;
+      ++n;
+    }
+    parts.push_back(batch.subspan(first, n));
+    first += n;
+  }
+  return parts;
+}
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, std::span<const LandmarkFact<G>> batch, v1::Landmark& sample) {
+  if (batch.empty()) return WireStatus::out_of_range;
+  if (batch.size() > bounds::landmarks) return WireStatus::too_many;
+  sample.sender(wire_chain(sender));
+  set_author(batch.front().key.chain, sample);
+  sample.anchor(batch.front().anchor);
+  sample.dimension(G::Dim);
+  sample.landmarks().clear();
+  sample.landmarks().resize(batch.size());
+  for (std::size_t i = 0; i < batch.size(); ++i) {
+    if (batch[i].anchor_key() != batch.front().anchor_key()) return WireStatus::out_of_range;
+    const WireStatus status = to_wire_point(batch[i], sample.landmarks()[i]);
+    if (status != WireStatus::ok) return status;
+  }
+  return WireStatus::ok;
+}
+
+template <class G>
+WireStatus from_wire(const v1::Landmark& sample, Message<G>& message) {
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  if (sample.landmarks().empty()) return WireStatus::out_of_range;
+  if (sample.landmarks().size() > bounds::landmarks) return WireStatus::too_many;
+  LandmarkBatch<G> batch;
+  batch.landmarks.resize(sample.landmarks().size());
+  for (std::size_t i = 0; i < batch.landmarks.size(); ++i) {
+    LandmarkFact<G>& fact = batch.landmarks[i];
+    fact.key.chain = author(sample);
+    fact.anchor = sample.anchor();
+    const WireStatus point = from_wire_point(sample.landmarks()[i], fact);
+    if (point != WireStatus::ok) return point;
+  }
+  message = {core_chain(sample.sender()), std::move(batch)};
+  return WireStatus::ok;
+}
+
+// ---- priors ----------------------------------------------------------------------------------------------------
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, const PriorFact<G>& fact, v1::Prior& sample) {
+  set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
+  sample.known(fact.known);
+  sample.mean(coordinates(fact.mean));
+  return pack(fact.covariance, sample.covariance());
+}
+
+template <class G>
+WireStatus from_wire(const v1::Prior& sample, Message<G>& message) {
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  PriorFact<G> fact;
+  fact.key = {author(sample), sample.index()};
+  fact.known = sample.known();
+  const WireStatus content =
+      first_refusal(from_coordinates(sample.mean(), fact.mean), unpack(sample.covariance(), fact.covariance));
+  message = {core_chain(sample.sender()), std::move(fact)};
+  return content;
+}
+
+// ---- associations ----------------------------------------------------------------------------------------------
+
+WireStatus to_wire(const ChainId& sender, const AssociationFact& fact, v1::Association& sample) {
+  set_key(sender, fact.key, sample);
+  auto& groups = sample.groups();
+  groups.clear();
+  if (fact.pairings.size() > bounds::pairs) return WireStatus::too_many;
+  for (const auto& [first, second] : fact.pairings) {
+    const bool same = !groups.empty() && core_chain(groups.back().first_chain()) == first.chain &&
+                      core_chain(groups.back().second_chain()) == second.chain;
+    if (!same) {
+      if (groups.size() == bounds::pairing_groups) return WireStatus::too_many;
+      groups.emplace_back();
+      groups.back().first_chain(wire_chain(first.chain));
+      groups.back().second_chain(wire_chain(second.chain));
+    }
+    v1::IndexPair pair;
+    pair.first(first.index);
+    pair.second(second.index);
+    groups.back().pairs().push_back(pair);
+  }
+  return WireStatus::ok;
+}
+
+template <class G>
+WireStatus from_wire(const v1::Association& sample, Message<G>& message) {
+  if (check_names(sample) != WireStatus::ok) return WireStatus::out_of_range;
+  if (sample.groups().size() > bounds::pairing_groups) return WireStatus::too_many;
+  AssociationFact fact;
+  fact.key = {author(sample), sample.index()};
+  for (const v1::PairingGroup& group : sample.groups()) {
+    if (fact.pairings.size() + group.pairs().size() > bounds::pairs) return WireStatus::too_many;
+    for (const v1::IndexPair& pair : group.pairs())
+      fact.pairings.push_back(
+          {{core_chain(group.first_chain()), pair.first()}, {core_chain(group.second_chain()), pair.second()}});
+  }
+  message = {core_chain(sample.sender()), std::move(fact)};
+  return WireStatus::ok;
+}
+
+// ---- verdicts --------------------------------------------------------------------------------------------------
+
+WireStatus to_wire(const ChainId& sender, const VerdictFact& fact, v1::Verdict& sample) {
+  set_key(sender, fact.key, sample);
+  sample.hypothesis(fact.hypothesis);
+  sample.veto(fact.veto);
+  return WireStatus::ok;
+}
+
+template <class G>
+WireStatus from_wire(const v1::Verdict& sample, Message<G>& message) {
+  message = {core_chain(sample.sender()),
+             VerdictFact{{author(sample), sample.index()}, sample.hypothesis(), sample.veto()}};
+  return check_names(sample);
+}
+
+// ---- live poses ------------------------------------------------------------------------------------------------
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, const LivePose<G>& pose, v1::Pose& sample) {
+  sample.sender(wire_chain(sender));
+  set_author(pose.chain, sample);
+  sample.anchor(pose.anchor);
+  sample.dimension(G::Dim);
+  sample.integrity(static_cast<v1::Integrity>(pose.integrity));
+  sample.reasons(pose.reasons);
+  return to_wire_state(pose.state, sample.state());
+}
+
+template <class G>
+WireStatus from_wire(const v1::Pose& sample, Message<G>& message) {
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  LivePose<G> pose;
+  pose.chain = author(sample);
+  pose.anchor = sample.anchor();
+  pose.reasons = sample.reasons();
+  const WireStatus content = first_refusal(convert_enum(sample.integrity(), v1::INTEGRITY_SUSPECT, pose.integrity),
+                                           from_wire_state(sample.state(), pose.state));
+  message = {core_chain(sample.sender()), std::move(pose)};
+  return content;
+}
+
+// ---- requests --------------------------------------------------------------------------------------------------
+
+WireStatus to_wire(const ChainId& sender, const Request& request, v1::Request& sample) {
+  if (request.ranges.size() > bounds::ranges) return WireStatus::too_many;
+  set_author(sender, sample);
+  sample.target(wire_chain(request.target));
+  sample.kind(static_cast<v1::FactKind>(request.kind));
+  sample.ranges().clear();
+  for (const IndexRange& range : request.ranges) {
+    v1::IndexRange out;
+    out.first(range.first);
+    out.end(range.end);
+    sample.ranges().push_back(out);
+  }
+  return WireStatus::ok;
+}
+
+template <class G>
+WireStatus from_wire(const v1::Request& sample, Message<G>& message) {
+  if (sample.vehicle() == 0) return WireStatus::out_of_range;
+  if (sample.ranges().size() > bounds::ranges) return WireStatus::too_many;
+  Request request;
+  request.target = core_chain(sample.target());
+  for (const v1::IndexRange& range : sample.ranges()) {
+    if (range.first() >= range.end()) return WireStatus::out_of_range;
+    request.ranges.push_back({range.first(), range.end()});
+  }
+  const WireStatus status = convert_enum(sample.kind(), v1::KIND_VERDICT, request.kind);
+  message = {author(sample), std::move(request)};
+  return status;
+}
+
+// ---- digests ---------------------------------------------------------------------------------------------------
+
+WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample) {
+  set_author(sender, sample);
+  sample.dimension(digest.dimension);
+  sample.facts_digest(digest.facts);
+  sample.selection_digest(digest.selection);
+  sample.map_digest(digest.map);
+  sample.map_facts_digest(digest.map_facts);
+  auto& all = sample.marks();
+  all.clear();
+  for (const ChainMark& mark : digest.marks) {
+    const unsigned bit = 1U << static_cast<unsigned>(mark.kind);
+    // Bits are read from the lowest up, so a kind joins its chain only if it comes after those that stand there.
+    if (all.empty() || core_chain(all.back().chain()) != mark.chain || all.back().kinds() >= bit) {
+      if (all.size() == bounds::chains) return WireStatus::too_many;
+      all.emplace_back();
+      all.back().chain(wire_chain(mark.chain));
+    }
+    v1::ChainMarks& marks = all.back();
+    marks.kinds(static_cast<std::uint8_t>(marks.kinds() | bit));
+    marks.high_water().push_back(mark.high_water);
+    marks.count().push_back(mark.count);
+    marks.hash().push_back(mark.hash);
+  }
+  return WireStatus::ok;
+}
+
+template <class G>
+WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
+  if (sample.vehicle() == 0) return WireStatus::out_of_range;
+  if (sample.dimension() != G::Dim) return WireStatus::wrong_dimension;
+  if (sample.marks().size() > bounds::chains) return WireStatus::too_many;
+  Digest digest;
+  digest.dimension = sample.dimension();
+  digest.facts = sample.facts_digest();
+  digest.selection = sample.selection_digest();
+  digest.map = sample.map_digest();
+  digest.map_facts = sample.map_facts_digest();
+  for (const v1::ChainMarks& marks : sample.marks()) {
+    if (marks.kinds() >> fact_kind_count != 0) return WireStatus::unknown_enum;
+    const auto n = static_cast<std::size_t>(std::popcount(marks.kinds()));
+    if (marks.high_water().size() != n || marks.count().size() != n || marks.hash().size() != n)
+      return WireStatus::wrong_size;
+    if (marks.chain().vehicle() == 0) return WireStatus::out_of_range;
+    std::size_t i = 0;
+    for (unsigned kind = 0; kind < fact_kind_count; ++kind)
+      if ((marks.kinds() >> kind & 1U) != 0) {
+        digest.marks.push_back({core_chain(marks.chain()), static_cast<FactKind>(kind), marks.high_water()[i],
+                                marks.count()[i], marks.hash()[i]});
+        ++i;
+      }
+  }
+  message = {author(sample), std::move(digest)};
+  return WireStatus::ok;
+}
+
+#define CONVOY_INSTANTIATE(G)                                                                       \
+  template WireStatus to_wire<G>(const ChainId&, const AnchorFact<G>&, v1::Bias&);                  \
+  template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&);  \
+  template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                  \
+  template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                    \
+  template WireStatus from_wire<G>(const v1::Bias&, Message<G>&);                                   \
+  template WireStatus from_wire<G>(const v1::Landmark&, Message<G>&);                               \
+  template WireStatus from_wire<G>(const v1::Prior&, Message<G>&);                                  \
+  template WireStatus from_wire<G>(const v1::Association&, Message<G>&);                            \
+  template WireStatus from_wire<G>(const v1::Verdict&, Message<G>&);                                \
+  template WireStatus from_wire<G>(const v1::Pose&, Message<G>&);                                   \
+  template WireStatus from_wire<G>(const v1::Request&, Message<G>&);                                \
+  template WireStatus from_wire<G>(const v1::Digest&, Message<G>&);                                 \
+  template std::vector<std::span<const LandmarkFact<G>>> split<G>(std::span<const LandmarkFact<G>>);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy::dds

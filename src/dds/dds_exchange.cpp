@@ -1,0 +1,441 @@
+#include <convoy/dds/convert.hpp>
+#include <convoy/dds/counting_transport.hpp>
+#include <convoy/dds/dds_exchange.hpp>
+#include <convoy/dds/guarded_type.hpp>
+#include <convoy/dds/profile_file.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/DataWriterListener.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/Topic.hpp>
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <map>
+#include <mutex>
+#include <random>
+
+namespace convoy::dds {
+
+namespace edds = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+using eprosima::fastrtps::types::ReturnCode_t;
+
+namespace {
+
+std::chrono::steady_clock::time_point deadline_after(double seconds) {
+  return std::chrono::steady_clock::now() +
+         std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
+}
+
+/// What the receiving threads leave for take().
+template <class G>
+class Inbox {
+ public:
+  explicit Inbox(std::size_t capacity) : capacity_(capacity) {}
+
+  void push(Message<G> message) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (queue_.size() >= capacity_) {
+        ++dropped;
+        return;
+      }
+      queue_.push_back(std::move(message));
+    }
+    filled_.notify_all();
+  }
+
+  std::vector<Message<G>> take() {
+    std::deque<Message<G>> queue;
+    {
+      const std::lock_guard lock(mutex_);
+      queue.swap(queue_);
+    }
+    return {std::make_move_iterator(queue.begin()), std::make_move_iterator(queue.end())};
+  }
+
+  bool wait(double timeout_s) {
+    std::unique_lock lock(mutex_);
+    return filled_.wait_until(lock, deadline_after(timeout_s), [this] { return !queue_.empty(); });
+  }
+
+  std::atomic<std::uint64_t> dropped{0};
+  std::atomic<std::uint64_t> undecodable{0};
+  std::atomic<std::uint64_t> hostile{0};
+  std::atomic<std::uint64_t> incompatible{0};
+  std::atomic<std::uint64_t> lost{0};
+
+ private:
+  const std::size_t capacity_;
+  std::mutex mutex_;
+  std::condition_variable filled_;
+  std::deque<Message<G>> queue_;
+};
+
+/// Counts, per remote participant, the endpoints that are matched with ours.
+class PeerTable {
+ public:
+  PeerTable(const rtps::GuidPrefix_t& self, int endpoints) : self_(self), endpoints_(endpoints) {}
+
+  void change(const edds::InstanceHandle_t& remote_endpoint, int by) {
+    const rtps::GuidPrefix_t peer = rtps::iHandle2GUID(remote_endpoint).guidPrefix;
+    if (peer == self_) return;
+    {
+      const std::lock_guard lock(mutex_);
+      if ((matched_[peer] += by) <= 0) matched_.erase(peer);
+    }
+    changed_.notify_all();
+  }
+
+  std::size_t complete() {
+    const std::lock_guard lock(mutex_);
+    return complete_locked();
+  }
+
+  bool wait(std::size_t count, double timeout_s) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_until(lock, deadline_after(timeout_s), [&] { return complete_locked() >= count; });
+  }
+
+ private:
+  std::size_t complete_locked() const {
+    std::size_t count = 0;
+    for (const auto& [peer, matched] : matched_)
+      if (matched >= endpoints_) ++count;
+    return count;
+  }
+
+  const rtps::GuidPrefix_t self_;
+  const int endpoints_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::map<rtps::GuidPrefix_t, int> matched_;
+};
+
+/// The three entities every channel is made of, and where the profiles come from.
+struct Domain {
+  edds::DomainParticipant* participant = nullptr;
+  edds::Publisher* publisher = nullptr;
+  edds::Subscriber* subscriber = nullptr;
+  const ProfileFile* profiles = nullptr;
+};
+
+template <class Entity>
+Entity* need(Entity* entity, const Domain& domain, const std::string& what) {
+  if (entity == nullptr)
+    throw ConfigError(domain.profiles->path() + ": Fast DDS does not create the " + what +
+                      "; its profile contradicts itself or the domain forbids it (see the log of Fast DDS)");
+  return entity;
+}
+
+/// One topic with its writer and its reader.
+template <class G, class PubSubType>
+class Channel final : public edds::DataWriterListener, public edds::DataReaderListener {
+ public:
+  using Sample = typename PubSubType::type;
+
+  Channel(const Domain& domain, const char* topic_name, Inbox<G>& inbox, PeerTable& peers)
+      : domain_(domain), inbox_(inbox), peers_(peers) {
+    try {
+      open(topic_name);
+    } catch (...) {
+      close();
+      throw;
+    }
+  }
+  ~Channel() override { close(); }
+  Channel(const Channel&) = delete;
+  Channel& operator=(const Channel&) = delete;
+
+  bool write(Sample& sample) { return writer_->write(&sample); }
+
+  void on_data_available(edds::DataReader* reader) override {
+    edds::SampleInfo info;
+    Guarded<Sample> received;  // decoding == none if the host registered an unguarded type: then nothing is accepted
+    for (; reader->take_next_sample(&received, &info) == ReturnCode_t::RETCODE_OK; received.decoding = Decoding::none)
+      if (info.valid_data && info.sample_identity.writer_guid() != own_writer_) accept(received);
+  }
+  void on_publication_matched(edds::DataWriter*, const edds::PublicationMatchedStatus& status) override {
+    peers_.change(status.last_subscription_handle, status.current_count_change);
+  }
+  void on_subscription_matched(edds::DataReader*, const edds::SubscriptionMatchedStatus& status) override {
+    peers_.change(status.last_publication_handle, status.current_count_change);
+  }
+  void on_offered_incompatible_qos(edds::DataWriter*, const edds::OfferedIncompatibleQosStatus&) override {
+    ++inbox_.incompatible;
+  }
+  void on_requested_incompatible_qos(edds::DataReader*, const edds::RequestedIncompatibleQosStatus&) override {
+    ++inbox_.incompatible;
+  }
+  void on_sample_lost(edds::DataReader*, const edds::SampleLostStatus& status) override {
+    inbox_.lost += static_cast<std::uint64_t>(status.total_count_change);
+  }
+
+ private:
+  void open(const std::string& name) {
+    edds::TypeSupport type(new GuardedType<PubSubType>);
+    const ReturnCode_t registered = type.register_type(domain_.participant);
+    // On a shared participant another exchange may have registered the type and created the topic before.
+    if (registered != ReturnCode_t::RETCODE_OK && registered != ReturnCode_t::RETCODE_PRECONDITION_NOT_MET)
+      throw ConfigError("the participant does not take the type " + type.get_type_name());
+    edds::TopicDescription* topic = domain_.participant->lookup_topicdescription(name);
+    if (topic == nullptr) {
+      topic_ = need(domain_.participant->create_topic(name, type.get_type_name(), edds::TOPIC_QOS_DEFAULT), domain_,
+                    "topic " + name);
+      topic = topic_;
+    }
+    auto* whole_topic = need(dynamic_cast<edds::Topic*>(topic), domain_, "topic " + name);
+    // The writer comes first, so that the reader's listener knows which samples are our own.
+    writer_ = need(domain_.publisher->create_datawriter(whole_topic, domain_.profiles->writer(*domain_.publisher, name),
+                                                        this, writer_events()),
+                   domain_, "writer of " + name);
+    own_writer_ = writer_->guid();
+    reader_ = need(domain_.subscriber->create_datareader(topic, domain_.profiles->reader(*domain_.subscriber, name),
+                                                         this, reader_events()),
+                   domain_, "reader of " + name);
+  }
+
+  void close() {
+    if (reader_ != nullptr) {
+      reader_->set_listener(nullptr);
+      domain_.subscriber->delete_datareader(reader_);
+    }
+    if (writer_ != nullptr) {
+      writer_->set_listener(nullptr);
+      domain_.publisher->delete_datawriter(writer_);
+    }
+    if (topic_ != nullptr) domain_.participant->delete_topic(topic_);
+  }
+
+  static edds::StatusMask writer_events() {
+    return edds::StatusMask::publication_matched() << edds::StatusMask::offered_incompatible_qos();
+  }
+  static edds::StatusMask reader_events() {
+    return edds::StatusMask::data_available() << edds::StatusMask::subscription_matched()
+                                              << edds::StatusMask::requested_incompatible_qos()
+                                              << edds::StatusMask::sample_lost();
+  }
+
+  void accept(const Guarded<Sample>& received) {
+    Message<G> message;
+    if (received.decoding == Decoding::hostile) ++inbox_.hostile;
+    else if (received.decoding != Decoding::ok) ++inbox_.undecodable;
+    else if (from_wire(received.sample, message) != WireStatus::ok) ++inbox_.hostile;
+    else inbox_.push(std::move(message));
+  }
+
+  Domain domain_;
+  Inbox<G>& inbox_;
+  PeerTable& peers_;
+  edds::Topic* topic_ = nullptr;
+  edds::DataWriter* writer_ = nullptr;
+  edds::DataReader* reader_ = nullptr;
+  rtps::GUID_t own_writer_;
+};
+
+/// A prefix that no other participant has, not even one of this process. Fast DDS then hands our own samples back in
+/// memory, where they cost no bytes, while vehicles that share a process still meet on sockets as they would apart.
+rtps::GuidPrefix_t random_prefix() {
+  rtps::GuidPrefix_t prefix;
+  std::random_device random;
+  for (rtps::octet& byte : prefix.value) byte = static_cast<rtps::octet>(random());
+  prefix.value[0] = 0x01;  // eProsima, as every participant of Fast DDS
+  prefix.value[1] = 0x0f;
+  return prefix;
+}
+
+/// Puts a counter between the participant and each transport of its profile.
+void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config,
+                      const std::shared_ptr<WireCounters>& counters) {
+  using eprosima::fastdds::rtps::UDPv4TransportDescriptor;
+  const std::string where = config.profile_file + ": participant profile '" + config.participant_profile + "': ";
+  if (qos.transport().use_builtin_transports)
+    throw ConfigError(where + "write <useBuiltinTransports>false</useBuiltinTransports>; the built-in transports speak "
+                              "on every interface and cannot be counted");
+  if (qos.transport().user_transports.empty())
+    throw ConfigError(where + "no transport; name a UDPv4 transport descriptor in <userTransports>");
+  for (auto& descriptor : qos.transport().user_transports) {
+    const auto profile = std::dynamic_pointer_cast<UDPv4TransportDescriptor>(descriptor);
+    if (!profile) throw ConfigError(where + "a transport is not UDPv4; its bytes cannot be counted");
+    auto udp = std::make_shared<UDPv4TransportDescriptor>(*profile);
+    if (!config.interface_whitelist.empty()) udp->interfaceWhiteList = config.interface_whitelist;
+    if (udp->interfaceWhiteList.empty())
+      throw ConfigError(where + "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
+                                "descriptor or in the configuration");
+    descriptor = std::make_shared<CountingTransportDescriptor>(std::move(udp), counters);
+  }
+}
+
+void check(const DdsConfig& config) {
+  if (config.max_queued_messages == 0) throw ConfigError("max_queued_messages is 0; give room for at least 1 message");
+  if (config.domain > 232) throw ConfigError("domain " + std::to_string(config.domain) + " is not in 0..232");
+}
+
+/// A participant with its publisher and subscriber, deleted in the right order. An injected one is left alone.
+class Entities {
+ public:
+  Entities(const DdsConfig& config, const ProfileFile& profiles, const std::shared_ptr<WireCounters>& counters) {
+    domain_.profiles = &profiles;
+    domain_.participant = config.participant;
+    try {
+      if (domain_.participant == nullptr) create_participant(config, profiles, counters);
+      domain_.publisher = need(domain_.participant->create_publisher(edds::PUBLISHER_QOS_DEFAULT), domain_, "publisher");
+      domain_.subscriber =
+          need(domain_.participant->create_subscriber(edds::SUBSCRIBER_QOS_DEFAULT), domain_, "subscriber");
+    } catch (...) {
+      close();
+      throw;
+    }
+  }
+  ~Entities() { close(); }
+  Entities(const Entities&) = delete;
+  Entities& operator=(const Entities&) = delete;
+  const Domain& domain() const { return domain_; }
+
+ private:
+  void create_participant(const DdsConfig& config, const ProfileFile& profiles,
+                          const std::shared_ptr<WireCounters>& counters) {
+    edds::DomainParticipantQos qos = profiles.participant(config.participant_profile);
+    count_transports(qos, config, counters);
+    qos.wire_protocol().prefix = random_prefix();
+    own_ = need(factory_->create_participant(config.domain, qos), domain_,
+                "participant '" + config.participant_profile + "' in domain " + std::to_string(config.domain));
+    domain_.participant = own_;
+  }
+  void close() {
+    if (domain_.subscriber != nullptr) domain_.participant->delete_subscriber(domain_.subscriber);
+    if (domain_.publisher != nullptr) domain_.participant->delete_publisher(domain_.publisher);
+    if (own_ != nullptr) factory_->delete_participant(own_);
+  }
+
+  // Held, so that the factory outlives the participant whatever the order in which a process winds down.
+  std::shared_ptr<edds::DomainParticipantFactory> factory_ = edds::DomainParticipantFactory::get_shared_instance();
+  Domain domain_;
+  edds::DomainParticipant* own_ = nullptr;
+};
+
+constexpr int endpoints_per_exchange = 16;  // a writer and a reader for each of eight topics
+
+}  // namespace
+
+template <class G>
+struct DdsExchange<G>::Impl {
+  explicit Impl(const DdsConfig& config)
+      : profiles((check(config), config.profile_file)),
+        entities(config, profiles, wire),
+        inbox(config.max_queued_messages),
+        peers(entities.domain().participant->guid().guidPrefix, endpoints_per_exchange) {}
+
+  bool write(const ChainId& sender, const AnchorFact<G>& fact) { return convert_and_write(bias, sender, fact); }
+  bool write(const ChainId& sender, const PriorFact<G>& fact) { return convert_and_write(prior, sender, fact); }
+  bool write(const ChainId& sender, const AssociationFact& fact) { return convert_and_write(association, sender, fact); }
+  bool write(const ChainId& sender, const VerdictFact& fact) { return convert_and_write(verdict, sender, fact); }
+  bool write(const ChainId& sender, const LivePose<G>& live) { return convert_and_write(pose, sender, live); }
+  bool write(const ChainId& sender, const Request& asked) { return convert_and_write(request, sender, asked); }
+  bool write(const ChainId& sender, const Digest& known) { return convert_and_write(digest, sender, known); }
+  bool write(const ChainId& sender, const LandmarkBatch<G>& batch) {
+    bool all = true;
+    for (const auto part : split(std::span<const LandmarkFact<G>>(batch.landmarks)))
+      all = convert_and_write(landmark, sender, part) && all;
+    return all;
+  }
+
+  template <class PubSubType, class Part>
+  bool convert_and_write(Channel<G, PubSubType>& channel, const ChainId& sender, const Part& part) {
+    typename PubSubType::type sample;
+    if (to_wire(sender, part, sample) != WireStatus::ok) {
+      ++refused_to_wire;
+      return false;
+    }
+    return channel.write(sample);
+  }
+
+  std::shared_ptr<WireCounters> wire = std::make_shared<WireCounters>();
+  ProfileFile profiles;
+  Entities entities;
+  Inbox<G> inbox;
+  PeerTable peers;
+  std::atomic<std::uint64_t> sent{0};
+  std::atomic<std::uint64_t> taken{0};
+  std::atomic<std::uint64_t> rejected{0};
+  std::atomic<std::uint64_t> refused_to_wire{0};
+
+  // Last, so that they are gone before anything they use.
+  Channel<G, v1::BiasPubSubType> bias{entities.domain(), "convoy/v1/Bias", inbox, peers};
+  Channel<G, v1::LandmarkPubSubType> landmark{entities.domain(), "convoy/v1/Landmark", inbox, peers};
+  Channel<G, v1::PriorPubSubType> prior{entities.domain(), "convoy/v1/Prior", inbox, peers};
+  Channel<G, v1::AssociationPubSubType> association{entities.domain(), "convoy/v1/Association", inbox, peers};
+  Channel<G, v1::VerdictPubSubType> verdict{entities.domain(), "convoy/v1/Verdict", inbox, peers};
+  Channel<G, v1::PosePubSubType> pose{entities.domain(), "convoy/v1/Pose", inbox, peers};
+  Channel<G, v1::RequestPubSubType> request{entities.domain(), "convoy/v1/Request", inbox, peers};
+  Channel<G, v1::DigestPubSubType> digest{entities.domain(), "convoy/v1/Digest", inbox, peers};
+};
+
+template <class G>
+DdsExchange<G>::DdsExchange(const DdsConfig& config) : impl_(std::make_unique<Impl>(config)) {}
+template <class G>
+DdsExchange<G>::~DdsExchange() = default;
+
+template <class G>
+SendStatus DdsExchange<G>::send(const Message<G>& message) {
+  const bool written = std::visit([&](const auto& payload) { return impl_->write(message.sender, payload); },
+                                  message.payload);
+  ++(written ? impl_->sent : impl_->rejected);
+  return written ? SendStatus::sent : SendStatus::rejected;
+}
+
+template <class G>
+std::vector<Message<G>> DdsExchange<G>::take(double) {
+  auto messages = impl_->inbox.take();
+  impl_->taken += messages.size();
+  return messages;
+}
+
+template <class G>
+ExchangeCounters DdsExchange<G>::counters() const {
+  ExchangeCounters counters;
+  counters.messages_sent = impl_->sent;
+  counters.messages_taken = impl_->taken;
+  counters.bytes_sent = impl_->wire->wire_bytes();
+  counters.send_rejected = impl_->rejected;
+  counters.undecodable = impl_->inbox.undecodable;
+  counters.hostile = impl_->inbox.hostile;
+  counters.dropped = impl_->inbox.dropped;
+  return counters;
+}
+
+template <class G>
+DdsCounters DdsExchange<G>::dds_counters() const {
+  const WireCounters& wire = *impl_->wire;
+  return {wire.datagrams,         wire.rtps_bytes,           wire.header_bytes(), wire.failed_sends,
+          impl_->refused_to_wire, impl_->inbox.incompatible, impl_->inbox.lost};
+}
+
+template <class G>
+std::size_t DdsExchange<G>::peers() const {
+  return impl_->peers.complete();
+}
+template <class G>
+bool DdsExchange<G>::wait_for_peers(std::size_t count, double timeout_s) const {
+  return impl_->peers.wait(count, timeout_s);
+}
+template <class G>
+bool DdsExchange<G>::wait_for_messages(double timeout_s) const {
+  return impl_->inbox.wait(timeout_s);
+}
+
+#define CONVOY_INSTANTIATE(G) template class DdsExchange<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy::dds

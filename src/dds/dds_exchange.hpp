@@ -1,0 +1,80 @@
+// SubmapExchange on Fast DDS: one topic per kind of message, quality of service from an XML profile file.
+#pragma once
+
+#include <convoy/config_error.hpp>
+#include <convoy/exchange/submap_exchange.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace eprosima::fastdds::dds {
+class DomainParticipant;
+}
+
+namespace convoy::dds {
+
+struct DdsConfig {
+  std::uint32_t domain = 0;                      ///< DDS domain, 0..232; unused with an injected participant
+  std::string profile_file;                      ///< path of the XML profile file (see qos_profiles/README.md)
+  std::string participant_profile = "convoy";    ///< name of the participant profile in it
+  std::vector<std::string> interface_whitelist;  ///< IPv4 addresses to speak on; replaces that of the profile if given
+  std::size_t max_queued_messages = 65536;       ///< received and not yet taken, >= 1; what comes beyond is dropped
+
+  /// The host's own participant, in place of one from the profile. It must outlive the exchange. Its transports are
+  /// the host's affair: bytes_sent stays 0, and the whitelist has no effect.
+  eprosima::fastdds::dds::DomainParticipant* participant = nullptr;
+};
+
+/// What only this exchange can tell, besides ExchangeCounters.
+struct DdsCounters {
+  std::uint64_t datagrams_sent = 0;
+  std::uint64_t rtps_bytes_sent = 0;     ///< UDP payloads
+  std::uint64_t header_bytes_sent = 0;   ///< 28 per datagram (IPv4 and UDP)
+  std::uint64_t failed_sends = 0;        ///< the socket did not take a message; reliable topics repeat it
+  std::uint64_t refused_to_wire = 0;     ///< messages of one's own that the wire format cannot hold (see convert.hpp)
+  std::uint64_t incompatible_peers = 0;  ///< endpoints of the same topic whose quality of service does not match ours
+  std::uint64_t samples_lost = 0;        ///< samples the middleware knows it has lost
+};
+
+/// Threads: send() and take() may be called from different threads, each from one at a time. Receiving threads of the
+/// middleware only convert and enqueue.
+///
+/// Bytes: counters().bytes_sent counts UDP payloads and 28 bytes of IPv4 and UDP header for every datagram of the
+/// participant: user data, discovery, heartbeats, acknowledgements, repeats. Link-layer headers are not included.
+///
+/// send() blocks for at most the max_blocking_time of the writer's profile, and only while a socket buffer is full.
+/// Batches of landmarks are cut into samples of at most 1200 bytes, so one message may arrive as several.
+template <class G>
+class DdsExchange final : public SubmapExchange<G> {
+ public:
+  /// Opens all endpoints. Throws ConfigError. Create and destroy exchanges from one thread at a time.
+  explicit DdsExchange(const DdsConfig& config);
+  ~DdsExchange() override;
+  DdsExchange(const DdsExchange&) = delete;
+  DdsExchange& operator=(const DdsExchange&) = delete;
+
+  [[nodiscard]] SendStatus send(const Message<G>& message) override;
+
+  /// `now_s` is not used: a message is due once it has arrived.
+  std::vector<Message<G>> take(double now_s) override;
+
+  ExchangeCounters counters() const override;
+  DdsCounters dds_counters() const;
+
+  /// Remote participants of which every endpoint of convoy has found its counterpart here.
+  std::size_t peers() const;
+
+  /// True once at least `count` peers are there, false if that is not so within `timeout_s`.
+  [[nodiscard]] bool wait_for_peers(std::size_t count, double timeout_s) const;
+  /// True once something can be taken, false if that is not so within `timeout_s`.
+  [[nodiscard]] bool wait_for_messages(double timeout_s) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace convoy::dds

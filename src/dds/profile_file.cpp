@@ -1,0 +1,109 @@
+#include <convoy/dds/profile_file.hpp>
+#include <convoy/submap/content_hash.hpp>
+
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <tinyxml2.h>
+
+#include <fstream>
+#include <sstream>
+
+namespace convoy::dds {
+
+namespace edds = eprosima::fastdds::dds;
+using eprosima::fastrtps::types::ReturnCode_t;
+
+namespace {
+
+[[noreturn]] void fail(const std::string& path, int line, const std::string& what) {
+  throw ConfigError(path + (line > 0 ? ":" + std::to_string(line) : "") + ": " + what);
+}
+
+std::string read(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::ostringstream text;
+  if (file) text << file.rdbuf();
+  if (!file || text.str().empty())
+    fail(path, 0, "cannot read this QoS profile file; name a file such as qos_profiles/loopback.xml");
+  return text.str();
+}
+
+std::string prefix_of(const std::string& text) {
+  ContentHash hash;
+  for (const char c : text) hash.add(static_cast<unsigned char>(c), 1);
+  std::ostringstream prefix;
+  prefix << std::hex << hash.value() << '/';
+  return prefix.str();
+}
+
+/// Puts `prefix` before every name of a profile or a transport below `parent` and collects the profiles.
+void rename(tinyxml2::XMLElement& parent, const std::string& prefix, const std::string& path,
+            std::set<std::pair<std::string, std::string>>& profiles) {
+  for (auto* child = parent.FirstChildElement(); child != nullptr; child = child->NextSiblingElement()) {
+    const std::string element = child->Name();
+    if (element == "library_settings" || element == "log" || child->BoolAttribute("is_default_profile"))
+      fail(path, child->GetLineNum(), "'" + element + "' would change the whole process; take it out");
+    if (const char* name = child->Attribute("profile_name")) {
+      if (!profiles.emplace(element, name).second)
+        fail(path, child->GetLineNum(), "a second " + element + " profile '" + name + "'; only the first would count");
+      child->SetAttribute("profile_name", (prefix + name).c_str());
+    }
+    if (element == "transport_id" && child->GetText() != nullptr) {
+      const std::string id = prefix + child->GetText();
+      child->SetText(id.c_str());
+    }
+    rename(*child, prefix, path, profiles);
+  }
+}
+
+}  // namespace
+
+ProfileFile::ProfileFile(const std::string& path) : path_(path) {
+  const std::string text = read(path);
+  prefix_ = prefix_of(text);
+  tinyxml2::XMLDocument document;
+  if (document.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
+    fail(path, document.ErrorLineNum(), std::string("not well-formed XML: ") + document.ErrorStr());
+  rename(*document.RootElement(), prefix_, path, profiles_);
+
+  auto* factory = edds::DomainParticipantFactory::get_instance();
+  edds::DomainParticipantQos known;
+  for (const auto& [element, name] : profiles_)
+    if (element == "participant" &&
+        factory->get_participant_qos_from_profile(prefix_ + name, known) == ReturnCode_t::RETCODE_OK)
+      return;  // the same content was loaded before
+  tinyxml2::XMLPrinter printed;
+  document.Print(&printed);
+  if (factory->load_XML_profiles_string(printed.CStr(), static_cast<std::size_t>(printed.CStrSize() - 1)) !=
+      ReturnCode_t::RETCODE_OK)
+    fail(path, 0, "Fast DDS refuses an entry of this file; the log of Fast DDS (category XMLPARSER) says which");
+}
+
+std::string ProfileFile::table_name(const std::string& element, const std::string& name) const {
+  if (!profiles_.contains({element, name}))
+    fail(path_, 0, "no " + element + " profile '" + name + "'; add <" + element + " profile_name=\"" + name + "\">");
+  return prefix_ + name;
+}
+
+edds::DomainParticipantQos ProfileFile::participant(const std::string& name) const {
+  edds::DomainParticipantQos qos;
+  const auto* factory = edds::DomainParticipantFactory::get_instance();
+  if (factory->get_participant_qos_from_profile(table_name("participant", name), qos) != ReturnCode_t::RETCODE_OK)
+    fail(path_, 0, "Fast DDS did not take the participant profile '" + name + "'");
+  return qos;
+}
+
+edds::DataWriterQos ProfileFile::writer(const edds::Publisher& publisher, const std::string& name) const {
+  edds::DataWriterQos qos;
+  if (publisher.get_datawriter_qos_from_profile(table_name("data_writer", name), qos) != ReturnCode_t::RETCODE_OK)
+    fail(path_, 0, "Fast DDS did not take the data_writer profile '" + name + "'");
+  return qos;
+}
+
+edds::DataReaderQos ProfileFile::reader(const edds::Subscriber& subscriber, const std::string& name) const {
+  edds::DataReaderQos qos;
+  if (subscriber.get_datareader_qos_from_profile(table_name("data_reader", name), qos) != ReturnCode_t::RETCODE_OK)
+    fail(path_, 0, "Fast DDS did not take the data_reader profile '" + name + "'");
+  return qos;
+}
+
+}  // namespace convoy::dds

@@ -1,0 +1,21 @@
+// The bounds of convoy.idl, which the generated code does not offer.
+#pragma once
+
+#include <cstdint>
+
+namespace convoy::dds::bounds {
+
+inline constexpr std::uint32_t group = 7;              // coordinates of a group element
+inline constexpr std::uint32_t group_covariance = 21;  // packed
+inline constexpr std::uint32_t point = 3;
+inline constexpr std::uint32_t point_covariance = 6;   // packed
+inline constexpr std::uint32_t loading = 24;
+inline constexpr std::uint32_t descriptor = 32;        // bytes
+inline constexpr std::uint32_t landmarks = 64;
+inline constexpr std::uint32_t pairing_groups = 64;
+inline constexpr std::uint32_t pairs = 4096;           // in one group and in all groups of an association together
+inline constexpr std::uint32_t ranges = 64;
+inline constexpr std::uint32_t chains = 256;
+inline constexpr std::uint32_t kinds = 5;
+
+}  // namespace convoy::dds::bounds

@@ -1,0 +1,301 @@
+#include <convoy/dds/convert.hpp>
+#include <convoy/dds/guarded_type.hpp>
+#include <convoy/dds/wire_bounds.hpp>
+#include <convoy/geometry/se2.hpp>
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <map>
+#include <random>
+
+namespace convoy::dds {
+namespace {
+
+constexpr ChainId sender{7, 0x1122334455667788ULL};
+constexpr ChainId author{0xfffffffe, 3};
+std::mt19937_64 engine(20240611);
+
+double any() { return std::normal_distribution<double>(0.0, 50.0)(engine); }
+
+template <int N>
+Eigen::Matrix<double, N, N> any_covariance() {
+  const Eigen::Matrix<double, N, N> A = Eigen::Matrix<double, N, N>::NullaryExpr([] { return any(); });
+  const Eigen::Matrix<double, N, N> P = A * A.transpose();
+  return 0.5 * (P + P.transpose());
+}
+
+ChainState<SE2> any_state() { return {any(), std::abs(any()), SE2(any(), any(), any()), any_covariance<3>()}; }
+
+LandmarkFact<SE2> any_landmark(std::uint32_t index, bool described) {
+  LandmarkFact<SE2> fact{{author, index}, 4, {any(), any()}, any_covariance<2>(), SE2::Loading::Zero(), {}};
+  if (described) {
+    fact.loading = SE2::Loading::NullaryExpr([] { return any(); });
+    fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
+    for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
+  }
+  return fact;
+}
+
+/// Through the generated code and back, as a guarded type does it.
+template <class PubSubType>
+typename PubSubType::type over_the_wire(typename PubSubType::type& sample) {
+  GuardedType<PubSubType> type;
+  const std::uint32_t size = type.getSerializedSizeProvider(&sample)();
+  eprosima::fastrtps::rtps::SerializedPayload_t payload(size);
+  EXPECT_TRUE(type.serialize(&sample, &payload));
+  Guarded<typename PubSubType::type> received;
+  EXPECT_TRUE(type.deserialize(&payload, &received));
+  EXPECT_EQ(received.decoding, Decoding::ok);
+  for (std::uint32_t cut = 0; cut + 8 <= payload.length; ++cut) {  // 7 bytes or fewer are padding
+    const Decoding decoding = scan_payload<typename PubSubType::type>(payload.data, cut);
+    EXPECT_EQ(decoding, Decoding::undecodable) << "cut to " << cut << " of " << payload.length;
+  }
+  return received.sample;
+}
+
+template <class PubSubType, class Part>
+Message<SE2> round_trip(const Part& part) {
+  typename PubSubType::type sample;
+  EXPECT_EQ(to_wire(sender, part, sample), WireStatus::ok);
+  const auto received = over_the_wire<PubSubType>(sample);
+  Message<SE2> message;
+  EXPECT_EQ(from_wire(received, message), WireStatus::ok);
+  EXPECT_EQ(message.sender, sender);
+  return message;
+}
+
+// Content hashes cover every field to the bit, so equal hashes say that nothing was changed on the way.
+TEST(Convert, AnchorRoundTrip) {
+  const AnchorFact<SE2> fact{{author, 12}, any_state(), 34, 5};
+  EXPECT_EQ(hash_of(std::get<AnchorFact<SE2>>(round_trip<v1::BiasPubSubType>(fact).payload)), hash_of(fact));
+}
+
+TEST(Convert, LandmarksRoundTrip) {
+  for (const bool described : {false, true}) {
+    const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, described), any_landmark(9, !described)};
+    const auto message = round_trip<v1::LandmarkPubSubType>(std::span<const LandmarkFact<SE2>>(facts));
+    const auto& got = std::get<LandmarkBatch<SE2>>(message.payload).landmarks;
+    ASSERT_EQ(got.size(), 2U);
+    for (std::size_t i = 0; i < 2; ++i) EXPECT_EQ(hash_of(got[i]), hash_of(facts[i]));
+  }
+}
+
+TEST(Convert, PriorRoundTrip) {
+  const PriorFact<SE2> known{{author, 0}, true, SE2(any(), any(), any()), any_covariance<3>()};
+  PriorFact<SE2> unknown;
+  unknown.key = {author, 0};
+  for (const auto& fact : {known, unknown})
+    EXPECT_EQ(hash_of(std::get<PriorFact<SE2>>(round_trip<v1::PriorPubSubType>(fact).payload)), hash_of(fact));
+}
+
+TEST(Convert, AssociationRoundTrip) {
+  AssociationFact fact{{author, 5}, {}};
+  for (std::uint32_t i = 0; i < 40; ++i) fact.pairings.push_back({{sender, i}, {{9 + i / 20, 1}, 2 * i}});
+  const auto message = round_trip<v1::AssociationPubSubType>(fact);
+  EXPECT_EQ(std::get<AssociationFact>(message.payload).pairings, fact.pairings);
+  EXPECT_EQ(hash_of(std::get<AssociationFact>(message.payload)), hash_of(fact));
+}
+
+TEST(Convert, VerdictRoundTrip) {
+  const VerdictFact fact{{author, 5}, 0xdeadbeefcafef00dULL, true};
+  EXPECT_EQ(hash_of(std::get<VerdictFact>(round_trip<v1::VerdictPubSubType>(fact).payload)), hash_of(fact));
+}
+
+TEST(Convert, PoseRoundTrip) {
+  const LivePose<SE2> pose{author, 3, any_state(), Integrity::suspect, reason_stale_peer | reason_innovation};
+  const auto message = round_trip<v1::PosePubSubType>(pose);
+  const auto& got = std::get<LivePose<SE2>>(message.payload);
+  EXPECT_EQ(got.chain, pose.chain);
+  EXPECT_EQ(got.anchor, pose.anchor);
+  EXPECT_EQ(got.integrity, pose.integrity);
+  EXPECT_EQ(got.reasons, pose.reasons);
+  EXPECT_EQ(hash_of(AnchorFact<SE2>{{author, 3}, got.state}), hash_of(AnchorFact<SE2>{{author, 3}, pose.state}));
+}
+
+TEST(Convert, RequestRoundTrip) {
+  const Request request{author, FactKind::association, {{1, 2}, {5, 900}}};
+  const auto message = round_trip<v1::RequestPubSubType>(request);
+  const auto& got = std::get<Request>(message.payload);
+  EXPECT_EQ(got.target, request.target);
+  EXPECT_EQ(got.kind, request.kind);
+  EXPECT_EQ(got.ranges, request.ranges);
+}
+
+TEST(Convert, DigestRoundTripKeepsTheOrderOfMarks) {
+  Digest digest{2, {}, 1, 2, 3, 4};
+  for (const auto kind : {FactKind::anchor, FactKind::landmark, FactKind::verdict}) digest.marks.push_back({author, kind, 9, 8, 7});
+  digest.marks.push_back({sender, FactKind::verdict, 6, 5, 4});
+  digest.marks.push_back({sender, FactKind::anchor, 3, 2, 1});  // out of canonical order
+  const auto message = round_trip<v1::DigestPubSubType>(digest);
+  const auto& got = std::get<Digest>(message.payload);
+  EXPECT_EQ(got.marks, digest.marks);
+  EXPECT_EQ(std::tie(got.facts, got.selection, got.map, got.map_facts),
+            std::tie(digest.facts, digest.selection, digest.map, digest.map_facts));
+}
+
+TEST(Convert, ADigestOfTwoVehiclesIsSmall) {
+  Digest digest;
+  for (const ChainId chain : {sender, author})
+    for (int kind = 0; kind < fact_kind_count; ++kind) digest.marks.push_back({chain, static_cast<FactKind>(kind), 9, 9, 9});
+  v1::Digest sample;
+  ASSERT_EQ(to_wire(sender, digest, sample), WireStatus::ok);
+  EXPECT_LE(v1::Digest::getCdrSerializedSize(sample), 300U);
+}
+
+TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
+  std::vector<LandmarkFact<SE2>> facts;
+  for (std::uint32_t i = 0; i < 70; ++i) {
+    facts.push_back(any_landmark(i, i % 3 == 0));
+    facts.back().anchor = i / 40;
+  }
+  std::uint32_t next = 0;
+  for (const auto part : split(std::span<const LandmarkFact<SE2>>(facts))) {
+    ASSERT_FALSE(part.empty());
+    EXPECT_LE(part.size(), 16U);
+    v1::Landmark sample;
+    ASSERT_EQ(to_wire(sender, part, sample), WireStatus::ok);
+    EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), max_landmark_sample_bytes);
+    for (const auto& fact : part) {
+      EXPECT_EQ(fact.key.index, next++);
+      EXPECT_EQ(fact.anchor, part.front().anchor);
+    }
+  }
+  EXPECT_EQ(next, 70U);
+}
+
+// ---- refusals ---------------------------------------------------------------------------------------------------
+
+v1::Bias good_bias() {
+  v1::Bias sample;
+  EXPECT_EQ(to_wire(sender, AnchorFact<SE2>{{author, 12}, any_state()}, sample), WireStatus::ok);
+  return sample;
+}
+
+template <class Sample, class Spoil>
+WireStatus status_of(Sample sample, Spoil spoil) {
+  spoil(sample);
+  Message<SE2> message;
+  return from_wire(sample, message);
+}
+
+TEST(Convert, RefusesBadAnchors) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  const auto spoilt = [](auto spoil) { return status_of(good_bias(), spoil); };
+  EXPECT_EQ(spoilt([](v1::Bias&) {}), WireStatus::ok);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.dimension(3); }), WireStatus::wrong_dimension);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.vehicle(0); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.sender().vehicle(0); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.state().pose().resize(7); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.state().drift().resize(21); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.state().pose()[2] = 4.0; }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([nan](v1::Bias& s) { s.state().pose()[0] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::Bias& s) { s.state().drift()[5] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::Bias& s) { s.state().stamp_s(nan); }), WireStatus::not_finite);
+}
+
+TEST(Convert, RefusesBadLandmarks) {
+  const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, true)};
+  v1::Landmark good;
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), good), WireStatus::ok);
+  const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks().clear(); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks().resize(65, s.landmarks()[0]); }), WireStatus::too_many);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].descriptor().resize(31); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].position().resize(3); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].loading().resize(9); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].loading()[5] = NAN; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].position()[0] = INFINITY; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].descriptor_kind(static_cast<v1::DescriptorKind>(77)); }),
+            WireStatus::unknown_enum);
+}
+
+TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
+  v1::Request request;
+  ASSERT_EQ(to_wire(sender, Request{author, FactKind::anchor, {{1, 2}}}, request), WireStatus::ok);
+  EXPECT_EQ(status_of(request, [](auto& s) { s.kind(static_cast<v1::FactKind>(77)); }), WireStatus::unknown_enum);
+  EXPECT_EQ(status_of(request, [](auto& s) { s.ranges()[0].end(1); }), WireStatus::out_of_range);
+  EXPECT_EQ(status_of(request, [](auto& s) { s.ranges().resize(65, s.ranges()[0]); }), WireStatus::too_many);
+
+  v1::Digest digest;
+  ASSERT_EQ(to_wire(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 1, 2, 3, 4}, digest), WireStatus::ok);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::wrong_dimension);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x20); }), WireStatus::unknown_enum);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks().resize(257, s.marks()[0]); }), WireStatus::too_many);
+
+  v1::Pose pose;
+  ASSERT_EQ(to_wire(sender, LivePose<SE2>{author, 3, any_state(), Integrity::ok, 0}, pose), WireStatus::ok);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.integrity(static_cast<v1::Integrity>(77)); }), WireStatus::unknown_enum);
+
+  v1::Association association;
+  ASSERT_EQ(to_wire(sender, AssociationFact{{author, 0}, {{{sender, 1}, {author, 1}}}}, association), WireStatus::ok);
+  EXPECT_EQ(status_of(association, [](auto& s) { s.groups()[0].pairs().resize(4097); }), WireStatus::too_many);
+  EXPECT_EQ(status_of(association, [](auto& s) { s.groups().resize(65, s.groups()[0]); }), WireStatus::too_many);
+}
+
+TEST(Convert, RefusesToSendWhatWouldNotArriveAsItIs) {
+  AnchorFact<SE2> fact{{author, 1}, any_state()};
+  fact.state.drift(0, 1) = std::nextafter(fact.state.drift(0, 1), 1e9);
+  v1::Bias sample;
+  EXPECT_EQ(to_wire(sender, fact, sample), WireStatus::not_symmetric);
+  AssociationFact association{{author, 1}, std::vector<Pairing>(bounds::pairs + 1)};
+  v1::Association wide;
+  EXPECT_EQ(to_wire(sender, association, wide), WireStatus::too_many);
+}
+
+// ---- the scan before decoding -----------------------------------------------------------------------------------
+
+TEST(WireScan, ReadsBothByteOrders) {
+  // Verdict, big endian: sender (epoch 8, vehicle 4), vehicle 4, epoch 8, index 4, pad 4, hypothesis 8, veto 1.
+  std::vector<std::uint8_t> bytes(4 + 41, 0);
+  EXPECT_EQ(scan_payload<v1::Verdict>(bytes.data(), bytes.size()), Decoding::ok);
+  // Association with 2 groups in big endian, of which the second is cut.
+  std::vector<std::uint8_t> cut(4 + 32, 0);
+  cut[4 + 31] = 2;
+  EXPECT_EQ(scan_payload<v1::Association>(cut.data(), cut.size()), Decoding::undecodable);
+  cut[4 + 31] = 65;
+  EXPECT_EQ(scan_payload<v1::Association>(cut.data(), cut.size()), Decoding::hostile);
+}
+
+TEST(WireScan, RefusesUnknownEncapsulationAndTrailingBytes) {
+  std::vector<std::uint8_t> bytes(4 + 41, 0);
+  for (const std::uint8_t kind : {2, 3, 6, 7, 0x42}) {
+    bytes[1] = kind;
+    EXPECT_EQ(scan_payload<v1::Verdict>(bytes.data(), bytes.size()), Decoding::undecodable) << int{kind};
+  }
+  bytes.assign(4 + 41 + 8, 0);
+  EXPECT_EQ(scan_payload<v1::Verdict>(bytes.data(), bytes.size()), Decoding::undecodable);
+  EXPECT_EQ(scan_payload<v1::Verdict>(nullptr, 0), Decoding::undecodable);
+}
+
+// Whatever the scan lets through, the generated code decodes; whatever it decodes is refused or converted.
+TEST(WireScan, SpoiltBytesAreDecodedOrRefusedNeverWorse) {
+  const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, true), any_landmark(1, false), any_landmark(2, true)};
+  v1::Landmark sample;
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
+  GuardedType<v1::LandmarkPubSubType> type;
+  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&sample)());
+  ASSERT_TRUE(type.serialize(&sample, &good));
+  std::map<Decoding, int> seen;
+  for (int run = 0; run < 20000; ++run) {
+    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
+    spoilt.copy(&good);
+    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Guarded<v1::Landmark> received;
+    ASSERT_TRUE(type.deserialize(&spoilt, &received));
+    ASSERT_EQ(received.decoding, scan_payload<v1::Landmark>(spoilt.data, spoilt.length));
+    ++seen[received.decoding];
+    Message<SE2> message;
+    if (received.decoding == Decoding::ok && from_wire(received.sample, message) == WireStatus::ok) {
+      ASSERT_EQ(std::get<LandmarkBatch<SE2>>(message.payload).landmarks.size(), received.sample.landmarks().size());
+    }
+  }
+  EXPECT_GT(seen[Decoding::ok], 0);
+  EXPECT_GT(seen[Decoding::undecodable], 0);
+  EXPECT_GT(seen[Decoding::hostile], 0);
+}
+
+}  // namespace
+}  // namespace convoy::dds

@@ -1,0 +1,133 @@
+#include "dds_testing.hpp"
+
+#include <fcntl.h>
+#include <poll.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstring>
+#include <stdexcept>
+#include <thread>
+
+namespace convoy::dds::testing {
+
+std::uint32_t domain_of_this_test() {
+  const auto& all = *::testing::UnitTest::GetInstance();
+  const auto* current = all.current_test_info();
+  std::uint32_t domain = 100;
+  for (int s = 0; s < all.total_test_suite_count(); ++s)
+    for (int t = 0; t < all.GetTestSuite(s)->total_test_count(); ++t, ++domain)
+      if (all.GetTestSuite(s)->GetTestInfo(t) == current) {
+        if (domain > 199) throw std::logic_error("more tests than domains");
+        return domain;
+      }
+  throw std::logic_error("no test is running");
+}
+
+std::string loopback_profile() { return CONVOY_QOS_PROFILES "/loopback.xml"; }
+
+DdsConfig config_of_this_test() {
+  DdsConfig config;
+  config.domain = domain_of_this_test();
+  config.profile_file = loopback_profile();
+  return config;
+}
+
+bool eventually(const std::function<bool()>& done, double timeout_s) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
+  while (!done()) {
+    if (std::chrono::steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  }
+  return true;
+}
+
+bool all_connected(const std::vector<DdsExchange<SE2>*>& exchanges) {
+  for (const auto* exchange : exchanges)
+    if (!exchange->wait_for_peers(exchanges.size() - 1, deadline_s)) return false;
+  return true;
+}
+
+std::vector<Message<SE2>> collect(DdsExchange<SE2>& exchange, std::size_t count, double timeout_s) {
+  std::vector<Message<SE2>> all;
+  const auto start = std::chrono::steady_clock::now();
+  const auto left_s = [&] {
+    return timeout_s - std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  };
+  while (all.size() < count && left_s() > 0.0 && exchange.wait_for_messages(left_s()))
+    for (auto& message : exchange.take(0.0)) all.push_back(std::move(message));
+  return all;
+}
+
+Child::Child(const std::vector<std::string>& command) {
+  int in[2], out[2];
+  if (pipe2(in, O_CLOEXEC) != 0 || pipe2(out, O_CLOEXEC) != 0) throw std::runtime_error("pipe failed");
+  posix_spawn_file_actions_t actions;
+  posix_spawn_file_actions_init(&actions);
+  posix_spawn_file_actions_adddup2(&actions, in[0], 0);
+  posix_spawn_file_actions_adddup2(&actions, out[1], 1);
+  std::vector<char*> argv;
+  for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
+  argv.push_back(nullptr);
+  const int failed = posix_spawnp(&pid_, argv[0], &actions, nullptr, argv.data(), environ);
+  posix_spawn_file_actions_destroy(&actions);
+  close(in[0]);
+  close(out[1]);
+  to_child_ = in[1];
+  from_child_ = out[0];
+  if (failed != 0) throw std::runtime_error("cannot start " + command[0] + ": " + std::strerror(failed));
+}
+
+Child::~Child() {
+  kill_hard();
+  close(to_child_);
+  close(from_child_);
+}
+
+void Child::tell(const std::string& line) {
+  const std::string text = line + "\n";
+  if (write(to_child_, text.data(), text.size()) != static_cast<ssize_t>(text.size()))
+    throw std::runtime_error("the child does not listen");
+}
+
+std::string Child::hear(double timeout_s) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
+  for (;;) {
+    if (const auto end = heard_.find('\n'); end != std::string::npos) {
+      const std::string line = heard_.substr(0, end);
+      heard_.erase(0, end + 1);
+      return line;
+    }
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(deadline - std::chrono::steady_clock::now());
+    pollfd ready{from_child_, POLLIN, 0};
+    if (left.count() <= 0 || poll(&ready, 1, static_cast<int>(left.count())) <= 0) return {};
+    char buffer[4096];
+    const ssize_t n = read(from_child_, buffer, sizeof buffer);
+    if (n <= 0) return {};
+    heard_.append(buffer, static_cast<std::size_t>(n));
+  }
+}
+
+void Child::kill_hard() {
+  if (pid_ <= 0) return;
+  kill(pid_, SIGKILL);
+  waitpid(pid_, nullptr, 0);
+  pid_ = -1;
+}
+
+int Child::finish() {
+  close(to_child_);
+  to_child_ = -1;
+  int status = 0;
+  waitpid(pid_, &status, 0);
+  pid_ = -1;
+  return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
+}
+
+std::vector<std::string> peer_command(VehicleId vehicle) {
+  return {CONVOY_DDS_PEER, loopback_profile(), std::to_string(domain_of_this_test()), std::to_string(vehicle)};
+}
+
+}  // namespace convoy::dds::testing

@@ -1,0 +1,60 @@
+// What the tests of the DDS layer share: a domain of one's own, the loopback profile, waiting with a deadline, children.
+#pragma once
+
+#include <convoy/dds/dds_exchange.hpp>
+#include <convoy/geometry/se2.hpp>
+
+#include <gtest/gtest.h>
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+namespace convoy::dds::testing {
+
+inline constexpr double deadline_s = 20.0;
+
+/// A domain of the running test's own, 100..199: tests may run at the same time.
+std::uint32_t domain_of_this_test();
+
+std::string loopback_profile();
+
+DdsConfig config_of_this_test();
+
+/// Calls `done` whenever something may have changed, until it says true or the deadline has passed.
+bool eventually(const std::function<bool()>& done, double timeout_s = deadline_s);
+
+/// Waits until each of `exchanges` has all others as peers.
+bool all_connected(const std::vector<DdsExchange<SE2>*>& exchanges);
+
+/// Takes until `count` messages are there or the deadline has passed.
+std::vector<Message<SE2>> collect(DdsExchange<SE2>& exchange, std::size_t count, double timeout_s = deadline_s);
+
+/// A child process that is spoken to line by line. It is killed when this goes out of scope.
+class Child {
+ public:
+  explicit Child(const std::vector<std::string>& command);
+  ~Child();
+  Child(const Child&) = delete;
+  Child& operator=(const Child&) = delete;
+  void tell(const std::string& line);
+  /// The next line the child prints; empty if there is none within the deadline.
+  std::string hear(double timeout_s = deadline_s);
+  void kill_hard();
+  /// Closes its input and waits for it. The exit status, or -signal.
+  int finish();
+
+ private:
+  int pid_ = -1;
+  int to_child_ = -1;
+  int from_child_ = -1;
+  std::string heard_;
+};
+
+/// A child that runs one vehicle (see peer.cpp) in the domain of this test.
+std::vector<std::string> peer_command(VehicleId vehicle);
+
+}  // namespace convoy::dds::testing

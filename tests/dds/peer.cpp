@@ -1,0 +1,118 @@
+// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS]
+// Driven by lines on standard input:
+//   peers N           waits for N peers, prints "peers N" or "no peers"
+//   send FIRST COUNT  sends anchors of these indices, prints "sent COUNT"
+//   pair N            sends one association of N pairings, prints "paired N" or "not paired"
+//   expect N          takes until N different facts are held, prints "held N" (what is held at the deadline)
+//   bytes             prints "bytes RTPS HEADERS DATAGRAMS"
+//   dev               prints what the kernel has sent: per interface "NAME BYTES PACKETS", then "udp 0 DATAGRAMS", "end"
+#include <convoy/dds/dds_exchange.hpp>
+#include <convoy/geometry/se2.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <fstream>
+#include <iostream>
+#include <set>
+#include <sstream>
+#include <string>
+
+using namespace convoy;
+
+namespace {
+
+constexpr double deadline_s = 15.0;
+using Held = std::set<std::pair<FactKind, Key>>;
+
+void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(deadline_s);
+  while (held.size() < count && std::chrono::steady_clock::now() < deadline) {
+    if (!exchange.wait_for_messages(0.1)) continue;
+    for (const auto& message : exchange.take(0.0)) {
+      if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload)) held.insert({FactKind::anchor, anchor->key});
+      if (const auto* association = std::get_if<AssociationFact>(&message.payload))
+        held.insert({FactKind::association, association->key});
+    }
+  }
+}
+
+std::uint32_t send(dds::DdsExchange<SE2>& exchange, VehicleId vehicle, std::uint32_t first, std::uint32_t count) {
+  std::uint32_t sent = 0;
+  for (std::uint32_t i = first; i < first + count; ++i) {
+    AnchorFact<SE2> fact;
+    fact.key = {{vehicle, 1}, i};
+    fact.state.abscissa_m = 25.0 * i;
+    if (exchange.send({fact.key.chain, fact}) == SendStatus::sent) ++sent;
+  }
+  return sent;
+}
+
+bool send_association(dds::DdsExchange<SE2>& exchange, VehicleId vehicle, std::uint32_t pairings) {
+  AssociationFact fact{{{vehicle, 1}, 0}, {}};
+  for (std::uint32_t i = 0; i < pairings; ++i) fact.pairings.push_back({{{1, 1}, i}, {{2, 1}, i}});
+  return exchange.send({fact.key.chain, fact}) == SendStatus::sent;
+}
+
+/// OutDatagrams of /proc/net/snmp: the second line that begins with "Udp:", fourth figure.
+std::uint64_t udp_datagrams() {
+  std::ifstream file("/proc/net/snmp");
+  std::uint64_t figure[4] = {};
+  for (std::string line; std::getline(file, line);)
+    if (line.rfind("Udp: ", 0) == 0) {
+      std::istringstream words(line.substr(5));
+      for (auto& f : figure) words >> f;  // the line of names leaves zeros
+    }
+  return figure[3];
+}
+
+void print_devices() {
+  std::ifstream file("/proc/net/dev");
+  std::string line;
+  for (int i = 0; std::getline(file, line); ++i) {
+    if (i < 2) continue;
+    std::replace(line.begin(), line.end(), ':', ' ');
+    std::istringstream words(line);
+    std::string name;
+    std::uint64_t figure[10] = {};
+    words >> name;
+    for (auto& f : figure) words >> f;
+    std::cout << name << ' ' << figure[8] << ' ' << figure[9] << '\n';
+  }
+  std::cout << "udp 0 " << udp_datagrams() << "\nend" << std::endl;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  if (argc < 4) return 2;
+  dds::DdsConfig config;
+  config.profile_file = argv[1];
+  config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
+  if (argc > 4) config.interface_whitelist = {argv[4]};
+  const auto vehicle = static_cast<VehicleId>(std::stoul(argv[3]));
+  dds::DdsExchange<SE2> exchange(config);
+  Held held;
+  std::cout << "ready" << std::endl;
+  for (std::string line; std::getline(std::cin, line);) {
+    std::istringstream words(line);
+    std::string verb;
+    std::uint32_t first = 0, count = 0;
+    words >> verb >> first >> count;
+    if (verb == "peers") {
+      std::cout << (exchange.wait_for_peers(first, deadline_s) ? "peers " + std::to_string(first) : "no peers") << std::endl;
+    } else if (verb == "send") {
+      std::cout << "sent " << send(exchange, vehicle, first, count) << std::endl;
+    } else if (verb == "pair") {
+      std::cout << (send_association(exchange, vehicle, first) ? "paired " + std::to_string(first) : "not paired") << std::endl;
+    } else if (verb == "expect") {
+      expect(exchange, held, first);
+      std::cout << "held " << held.size() << std::endl;
+    } else if (verb == "bytes") {
+      const auto counters = exchange.dds_counters();
+      std::cout << "bytes " << counters.rtps_bytes_sent << ' ' << counters.header_bytes_sent << ' '
+                << counters.datagrams_sent << std::endl;
+    } else if (verb == "dev") {
+      print_devices();
+    }
+  }
+}

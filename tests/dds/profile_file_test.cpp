@@ -1,0 +1,129 @@
+#include "dds_testing.hpp"
+
+#include <convoy/dds/profile_file.hpp>
+
+#include <gmock/gmock.h>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+
+namespace convoy::dds::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+std::string text_of(const std::string& path) {
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  return text.str();
+}
+
+/// The loopback profile with one text replaced by another, in a file of its own.
+class ChangedProfile {
+ public:
+  ChangedProfile(const std::string& from, const std::string& to) {
+    std::string text = text_of(loopback_profile());
+    const auto at = text.find(from);
+    if (at == std::string::npos) throw std::logic_error("the loopback profile has no " + from);
+    std::ofstream(path) << text.replace(at, from.size(), to);
+  }
+  ~ChangedProfile() { std::filesystem::remove(path); }
+  std::string path = ::testing::TempDir() + "convoy_profile_" +
+                     ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".xml";
+};
+
+std::string refusal(const DdsConfig& config) {
+  try {
+    DdsExchange<SE2> exchange(config);
+  } catch (const ConfigError& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
+std::string refusal(const std::string& from, const std::string& to) {
+  const ChangedProfile changed(from, to);
+  DdsConfig config = config_of_this_test();
+  config.profile_file = changed.path;
+  return refusal(config);
+}
+
+TEST(ProfileFile, MissingFileIsNamed) {
+  DdsConfig config = config_of_this_test();
+  config.profile_file = "/nowhere/qos.xml";
+  EXPECT_THAT(refusal(config), HasSubstr("/nowhere/qos.xml: cannot read"));
+}
+
+TEST(ProfileFile, MissingParticipantProfileIsNamed) {
+  DdsConfig config = config_of_this_test();
+  config.participant_profile = "bus";
+  EXPECT_THAT(refusal(config), HasSubstr("no participant profile 'bus'"));
+}
+
+TEST(ProfileFile, MissingWriterProfileIsNamed) {
+  EXPECT_THAT(refusal("data_writer profile_name=\"convoy/v1/Verdict\"", "data_writer profile_name=\"convoy/v1/Verdikt\""),
+              HasSubstr("no data_writer profile 'convoy/v1/Verdict'"));
+}
+
+TEST(ProfileFile, MissingReaderProfileIsNamed) {
+  EXPECT_THAT(refusal("data_reader profile_name=\"convoy/v1/Digest\"", "data_reader profile_name=\"x\""),
+              HasSubstr("no data_reader profile 'convoy/v1/Digest'"));
+}
+
+TEST(ProfileFile, DoubledProfileHasALine) {
+  const std::string refused = refusal("data_writer profile_name=\"convoy/v1/Landmark\"", "data_writer profile_name=\"convoy/v1/Bias\"");
+  EXPECT_THAT(refused, HasSubstr("a second data_writer profile 'convoy/v1/Bias'"));
+  EXPECT_THAT(refused, ::testing::ContainsRegex("\\.xml:[0-9]+: "));
+}
+
+TEST(ProfileFile, MalformedXmlHasALine) {
+  EXPECT_THAT(refusal("</userTransports>", "</users>"), ::testing::ContainsRegex("\\.xml:[0-9]+: not well-formed"));
+}
+
+TEST(ProfileFile, WhatFastDdsRefusesIsAnError) {
+  EXPECT_THAT(refusal("<kind>KEEP_ALL</kind>", "<kind>KEEP_SOME</kind>"), HasSubstr("Fast DDS refuses"));
+}
+
+TEST(ProfileFile, ProcessWideSettingsAreRefused) {
+  EXPECT_THAT(refusal("<participant profile_name", "<participant is_default_profile=\"true\" profile_name"),
+              HasSubstr("would change the whole process"));
+}
+
+TEST(ProfileFile, BuiltInTransportsAreRefused) {
+  EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"), HasSubstr("useBuiltinTransports"));
+}
+
+TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
+  DdsConfig config = config_of_this_test();
+  config.profile_file = CONVOY_QOS_PROFILES "/lan.xml";
+  EXPECT_THAT(refusal(config), HasSubstr("no <interfaceWhiteList>"));
+}
+
+TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {
+  DdsConfig config = config_of_this_test();
+  config.profile_file = CONVOY_QOS_PROFILES "/lan.xml";
+  config.interface_whitelist = {"127.0.0.1"};
+  DdsExchange<SE2> a(config), b(config);
+  EXPECT_TRUE(all_connected({&a, &b}));
+}
+
+TEST(ProfileFile, TwoFilesOfEqualNamesDoNotMix) {
+  const ProfileFile first(loopback_profile());
+  const ChangedProfile changed("<sec>20</sec>", "<sec>23</sec>");
+  const ProfileFile second(changed.path);
+  EXPECT_EQ(first.participant("convoy").wire_protocol().builtin.discovery_config.leaseDuration.seconds, 20);
+  EXPECT_EQ(second.participant("convoy").wire_protocol().builtin.discovery_config.leaseDuration.seconds, 23);
+}
+
+TEST(DdsConfig, ImpossibleFiguresAreRefused) {
+  DdsConfig config = config_of_this_test();
+  config.domain = 233;
+  EXPECT_THAT(refusal(config), HasSubstr("233"));
+  config = config_of_this_test();
+  config.max_queued_messages = 0;
+  EXPECT_THAT(refusal(config), HasSubstr("max_queued_messages"));
+}
+
+}  // namespace
+}  // namespace convoy::dds::testing
