@@ -1,0 +1,73 @@
+#include <convoy/components/front_end_component.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <cmath>
+
+namespace convoy {
+namespace {
+
+template <class G>
+ChainState<G> advance(DriftAccumulator<G>& drift, const FrontEndState<G>& s) {
+  return drift.advance(s.stamp_s, s.abscissa_m, s.pose, s.slam_drift);
+}
+
+constexpr double trail_spacing_m = 1.0;
+
+}  // namespace
+
+template <class G>
+FrontEndComponent<G>::FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>& manager, const DriftParams<G>& drift,
+                                        double live_period_s)
+    : front_end_(front_end), manager_(manager), start_(front_end.state()), params_(drift), live_period_s_(live_period_s), drift_(drift),
+      drift_at_anchor_(drift) {}
+
+// The chain begins at the identity with no drift, whatever the SLAM did before.
+template <class G>
+FrontEndState<G> FrontEndComponent<G>::since_start(const FrontEndState<G>& s) const {
+  const typename G::Adjoint Ad = start_.pose.inverse().adjoint();
+  return {s.stamp_s, s.abscissa_m - start_.abscissa_m, start_.pose.inverse() * s.pose,
+          symmetrised(typename G::Covariance(Ad * (s.slam_drift - start_.slam_drift) * Ad.transpose()))};
+}
+
+template <class G>
+void FrontEndComponent<G>::poll() {
+  for (const Segment<G>& segment : front_end_.take_segments()) close(segment);
+  state_ = advance(drift_, since_start(front_end_.state()));
+  if (trail_.empty() || state_.abscissa_m >= trail_.back().abscissa_m + trail_spacing_m) trail_.push_back(state_);
+  if (!live_s_ || state_.stamp_s >= *live_s_ + live_period_s_) {
+    live_s_ = state_.stamp_s;
+    manager_.publish_live(state_);
+  }
+}
+
+template <class G>
+void FrontEndComponent<G>::close(const Segment<G>& segment) {
+  const ChainState<G> closing = advance(drift_, since_start(segment.closing));
+  if (!segment.trail.empty()) {  // the segment again, as it is known now
+    trail_.resize(trail_at_anchor_);
+    for (const FrontEndState<G>& state : segment.trail) trail_.push_back(advance(drift_at_anchor_, since_start(state)));
+  }
+  trail_.push_back(closing);
+  trail_at_anchor_ = trail_.size();
+  drift_at_anchor_ = drift_;
+
+  std::vector<LandmarkFact<G>> batch;
+  for (const FrozenLandmark<G>& frozen : segment.landmarks) {
+    LandmarkFact<G> fact;
+    fact.position = frozen.position;
+    fact.covariance = symmetrised(typename G::PointCovariance(params_.landmark_inflation * frozen.covariance));
+    fact.loading = std::sqrt(params_.landmark_inflation) * frozen.loading;
+    fact.descriptor = frozen.descriptor;
+    batch.push_back(fact);
+  }
+  std::uint32_t index = manager_.publish_segment(closing, std::move(batch));
+  for (const FrozenLandmark<G>& frozen : segment.landmarks)
+    if (on_export_) on_export_(index++, frozen.track);
+  landmarks_exported_ += segment.landmarks.size();
+}
+
+#define CONVOY_INSTANTIATE(G) template class FrontEndComponent<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

@@ -1,0 +1,54 @@
+// FrontEndComponent: hosts a vehicle's own SLAM and exports its converged landmarks once and for all (paper, Fig. 4, the
+// arrow from the low level to the submap). Here the drift, which the SLAM knows nothing of, is added.
+#pragma once
+
+#include <convoy/components/submap_manager.hpp>
+#include <convoy/drift/drift_model.hpp>
+#include <convoy/frontend/front_end.hpp>
+
+#include <functional>
+#include <optional>
+#include <vector>
+
+namespace convoy {
+
+template <class G>
+class FrontEndComponent {
+ public:
+  /// Called for each exported landmark with its index and the front end's own name for it; never leaves the vehicle.
+  using ExportListener = std::function<void(std::uint32_t index, std::uint64_t track)>;
+
+  /// Both references must outlive it. Throws ConfigError.
+  FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>& manager, const DriftParams<G>& drift,
+                    double live_period_s = 1.0);
+
+  void on_export(ExportListener listener) { on_export_ = std::move(listener); }
+
+  /// Call after every sensor input given to the front end: the drift is accumulated step by step.
+  void poll();
+
+  /// The states passed so far: smoothed up to the last anchor, filtered after it. Feed them to Map::pose for the
+  /// corrected trajectory. One per metre or so.
+  const std::vector<ChainState<G>>& trail() const { return trail_; }
+  const ChainState<G>& state() const { return state_; }
+  std::uint64_t landmarks_exported() const { return landmarks_exported_; }
+
+ private:
+  void close(const Segment<G>& segment);
+  FrontEndState<G> since_start(const FrontEndState<G>& state) const;
+
+  FrontEnd<G>& front_end_;
+  SubmapManager<G>& manager_;
+  FrontEndState<G> start_;  // of the front end when this chain began: its epoch may be younger than the SLAM
+  DriftParams<G> params_;
+  double live_period_s_;
+  ExportListener on_export_;
+  DriftAccumulator<G> drift_, drift_at_anchor_;
+  ChainState<G> state_;
+  std::vector<ChainState<G>> trail_;
+  std::size_t trail_at_anchor_ = 0;
+  std::optional<double> live_s_;
+  std::uint64_t landmarks_exported_ = 0;
+};
+
+}  // namespace convoy

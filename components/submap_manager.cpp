@@ -1,0 +1,249 @@
+#include <convoy/components/submap_manager.hpp>
+#include <convoy/config_error.hpp>
+#include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/groups.hpp>
+#include <convoy/map/ekf_map.hpp>
+#include <convoy/map/sparse_map.hpp>
+
+#include <algorithm>
+#include <type_traits>
+#include <utility>
+
+namespace convoy {
+namespace {
+
+template <class G>
+std::unique_ptr<Backend<G>> make_backend(MapBackend backend) {
+  if (backend == MapBackend::ekf) return std::make_unique<EkfMap<G>>();
+  return std::make_unique<SparseMap<G>>();
+}
+
+template <class G>
+void validate(const ChainId& self, const SubmapManagerParams& p) {
+  if (self.vehicle == 0) throw ConfigError("submap manager: vehicle id 0 means 'nobody'; use 1 or more");
+  if (!(p.map_period_s > 0.0 && p.stale_peer_s > 0.0)) throw ConfigError("submap manager: periods must be > 0");
+  if (!(p.repair.digest_period_s > 0.0)) throw ConfigError("submap manager: the digest period must be > 0");
+  const auto& roster = p.limits.roster;
+  if (!roster.empty() && std::find(roster.begin(), roster.end(), self.vehicle) == roster.end())
+    throw ConfigError("submap manager: vehicle " + std::to_string(self.vehicle) + " is not on its own roster");
+}
+
+}  // namespace
+
+template <class G>
+SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params)
+    : self_(self), exchange_(exchange), params_(params), store_(params.limits),
+      repair_(self, params.repair, params.seed + 0x9e3779b97f4a7c15U * self.vehicle), backend_(make_backend<G>(params.backend)) {
+  validate<G>(self, params);
+  map_ = build_global_map(store_, params_.selection, *backend_);
+}
+
+template <class G>
+void SubmapManager<G>::send(Payload<G> payload) {
+  if (exchange_.send({self_, std::move(payload)}) != SendStatus::sent) ++counters_.sends_rejected;
+}
+
+template <class G>
+template <class Fact>
+void SubmapManager<G>::publish(const Fact& fact) {
+  if (store_.insert(fact) == Insertion::inserted) ++counters_.facts_published;
+}
+
+template <class G>
+void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias) {
+  AnchorFact<G> start;
+  start.key = {self_, next_index_[static_cast<std::size_t>(FactKind::anchor)]++};
+  start.state.stamp_s = stamp_s;
+  PriorFact<G> prior;
+  prior.key = {self_, next_index_[static_cast<std::size_t>(FactKind::prior)]++};
+  if (static_bias) {
+    prior.known = true;
+    prior.mean = static_bias->mean;
+    prior.covariance = static_bias->covariance;
+  }
+  publish(start);
+  publish(prior);
+  send(start);
+  send(prior);
+}
+
+template <class G>
+std::uint32_t SubmapManager<G>::publish_segment(const ChainState<G>& closing, std::vector<LandmarkFact<G>> batch) {
+  auto& next_anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)];
+  auto& next_landmark = next_index_[static_cast<std::size_t>(FactKind::landmark)];
+  const std::uint32_t first = next_landmark;
+  const AnchorFact<G> anchor{{self_, next_anchor}, closing, first, static_cast<std::uint32_t>(batch.size())};
+  for (LandmarkFact<G>& landmark : batch) {
+    landmark.key = {self_, next_landmark++};
+    landmark.anchor = next_anchor;
+    publish(landmark);
+  }
+  ++next_anchor;
+  publish(anchor);
+  send(anchor);
+  if (!batch.empty()) send(LandmarkBatch<G>{std::move(batch)});
+  return first;
+}
+
+template <class G>
+bool SubmapManager<G>::publish_association(std::vector<Pairing> pairings) {
+  pairings = canonical(std::move(pairings));
+  if (store_.stated(hypothesis_id(pairings))) return false;
+  const AssociationFact fact{{self_, next_index_[static_cast<std::size_t>(FactKind::association)]++}, std::move(pairings)};
+  publish(fact);
+  send(fact);
+  return true;
+}
+
+template <class G>
+void SubmapManager<G>::publish_verdict(Hash hypothesis, bool veto) {
+  const VerdictFact fact{{self_, next_index_[static_cast<std::size_t>(FactKind::verdict)]++}, hypothesis, veto};
+  publish(fact);
+  send(fact);
+}
+
+template <class G>
+void SubmapManager<G>::publish_live(const ChainState<G>& state) {
+  live_ = state;
+  LivePose<G> pose;
+  pose.chain = self_;
+  pose.anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
+  pose.state = state;
+  pose.reasons = reasons(self_, 0.0, 0.0);
+  pose.integrity = !map_.map->aligned(self_) ? Integrity::unaligned
+                   : pose.reasons != reason_none ? Integrity::suspect : Integrity::ok;
+  send(pose);
+}
+
+template <class G>
+void SubmapManager<G>::step(double now_s) {
+  for (const Message<G>& message : exchange_.take(now_s)) handle(message, now_s);
+  for (Payload<G>& payload : repair_.due(store_, now_s)) send(std::move(payload));
+  if (now_s >= digest_s_ + params_.repair.digest_period_s) send_digest(now_s);
+}
+
+template <class G>
+void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
+  if (message.sender != self_) peers_[message.sender].heard_s = now_s;
+  std::visit(
+      [&](const auto& payload) {
+        using P = std::decay_t<decltype(payload)>;
+        if constexpr (std::is_same_v<P, LandmarkBatch<G>>) {
+          for (const LandmarkFact<G>& landmark : payload.landmarks) take_in(FactKind::landmark, landmark);
+        } else if constexpr (std::is_same_v<P, AnchorFact<G>>) {
+          take_in(FactKind::anchor, payload);
+        } else if constexpr (std::is_same_v<P, PriorFact<G>>) {
+          take_in(FactKind::prior, payload);
+        } else if constexpr (std::is_same_v<P, AssociationFact>) {
+          take_in(FactKind::association, payload);
+        } else if constexpr (std::is_same_v<P, VerdictFact>) {
+          take_in(FactKind::verdict, payload);
+        } else if constexpr (std::is_same_v<P, LivePose<G>>) {
+          if (payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = payload;
+        } else if constexpr (std::is_same_v<P, Request>) {
+          repair_.on_request(store_, payload, now_s);
+        } else {
+          handle_digest(message.sender, payload);
+        }
+      },
+      message.payload);
+}
+
+template <class G>
+template <class Fact>
+void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
+  repair_.on_fact_seen(kind, fact.key);
+  // Nobody else states facts of this run of this vehicle: what is not known here was never said.
+  if (fact.key.chain == self_ && fact.key.index >= next_index_[static_cast<std::size_t>(kind)]) {
+    ++counters_.facts_impersonated;
+    return;
+  }
+  if (store_.insert(fact) == Insertion::inserted) ++counters_.facts_received;
+}
+
+template <class G>
+void SubmapManager<G>::handle_digest(const ChainId& sender, const Digest& digest) {
+  if (digest.dimension != G::Dim) {
+    ++counters_.dimension_mismatch;
+    return;
+  }
+  Digest others = digest;  // nobody can know more of this chain than this vehicle
+  std::erase_if(others.marks, [&](const ChainMark& mark) { return mark.chain == self_; });
+  repair_.on_digest(store_, others);
+  const bool same_facts = digest.map_facts == map_.facts && map_.facts == store_.digest();
+  Peer& peer = peers_[sender];
+  peer.disagrees = same_facts && digest.map != map_.map->digest();
+  counters_.disagreements += peer.disagrees;
+}
+
+template <class G>
+void SubmapManager<G>::send_digest(double now_s) {
+  digest_s_ = now_s;
+  Digest digest;
+  digest.dimension = G::Dim;
+  digest.marks = store_.marks();
+  digest.facts = store_.digest();
+  digest.selection = map_.selection.digest;
+  digest.map = map_.map->digest();
+  digest.map_facts = map_.facts;
+  send(std::move(digest));
+}
+
+template <class G>
+bool SubmapManager<G>::rebuild(double now_s, bool force) {
+  const bool due = store_.revision() != map_revision_ && now_s >= map_s_ + params_.map_period_s;
+  if (!due && !force) return false;
+  map_ = build_global_map(store_, params_.selection, *backend_);
+  map_revision_ = store_.revision();
+  map_s_ = now_s;
+  ++counters_.maps_built;
+  return true;
+}
+
+template <class G>
+std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, double now_s) const {
+  std::uint32_t reasons = reason_none;
+  const SolveReport& report = map_.map->report();
+  if (report.dof > 0 && report.chi2 > chi2_quantile(0.999, report.dof)) reasons |= reason_innovation;
+  if (chain != self_ && now_s > heard_s + params_.stale_peer_s) reasons |= reason_stale_peer;
+  if (const auto it = store_.chains().find(chain); it != store_.chains().end()) {
+    if (it->second.equivocated) reasons |= reason_equivocation;
+    for (const ChainMark& mark : it->second.marks)
+      if (mark.count != mark.high_water) reasons |= reason_missing_facts;
+  }
+  for (const auto& [id, peer] : peers_)
+    if (peer.disagrees && (id == chain || chain == self_)) reasons |= reason_disagreement;
+  return reasons;
+}
+
+template <class G>
+std::vector<VehicleState<G>> SubmapManager<G>::vehicles(double now_s) {
+  std::vector<VehicleState<G>> all;
+  for (const auto& [id, chain] : store_.chains()) {
+    VehicleState<G> vehicle;
+    vehicle.chain = id;
+    vehicle.heard_s = now_s;
+    if (!chain.anchors.empty()) vehicle.slam = chain.anchors.rbegin()->second.state;
+    if (id == self_) {
+      if (live_) vehicle.slam = *live_;
+    } else if (const auto peer = peers_.find(id); peer != peers_.end()) {
+      vehicle.heard_s = peer->second.heard_s;
+      const auto& live = peer->second.live;
+      if (live && live->state.stamp_s > vehicle.slam.stamp_s) vehicle.slam = live->state;
+    } else {
+      vehicle.heard_s = -1e300;
+    }
+    vehicle.reasons = reasons(id, vehicle.heard_s, now_s);
+    if (map_.map->aligned(id)) {
+      vehicle.estimate = map_.map->pose(id, vehicle.slam);
+      vehicle.integrity = vehicle.reasons == reason_none ? Integrity::ok : Integrity::suspect;
+    }
+    all.push_back(std::move(vehicle));
+  }
+  return all;
+}
+
+#define CONVOY_INSTANTIATE(G) template class SubmapManager<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

@@ -1,0 +1,117 @@
+// SubmapManager: the submaps of all vehicles, kept complete, and the global map they amount to (paper, Fig. 3 and 4).
+// It speaks through one SubmapExchange, repairs what is late or lost, and rebuilds the map from the set of facts.
+#pragma once
+
+#include <convoy/exchange/repair.hpp>
+#include <convoy/exchange/submap_exchange.hpp>
+#include <convoy/map/global_map.hpp>
+
+#include <array>
+#include <map>
+#include <memory>
+#include <optional>
+#include <vector>
+
+namespace convoy {
+
+enum class MapBackend : std::uint8_t {
+  sparse,  ///< sparse least squares; the default
+  ekf,     ///< the paper's filter; a baseline
+};
+
+struct SubmapManagerParams {
+  FactLimits limits;
+  RepairParams repair;
+  SelectionParams selection;
+  MapBackend backend = MapBackend::sparse;
+  double map_period_s = 1.0;    ///< between two rebuilds at least, > 0; nothing is done while no fact is new
+  double stale_peer_s = 15.0;   ///< a vehicle not heard of for longer is reported as stale, > 0
+  std::uint64_t seed = 1;       ///< of the repair protocol's jitter
+};
+
+/// A vehicle as this one knows it.
+template <class G>
+struct VehicleState {
+  ChainId chain;
+  ChainState<G> slam;                    ///< what its own SLAM said last
+  std::optional<Estimate<G>> estimate;   ///< in the common frame, if aligned
+  Integrity integrity = Integrity::unaligned;
+  std::uint32_t reasons = reason_none;   ///< bits of IntegrityReason
+  double heard_s = 0.0;                  ///< when, on this vehicle's clock
+};
+
+struct SubmapManagerCounters {
+  std::uint64_t facts_published = 0;
+  std::uint64_t facts_received = 0;      ///< taken in from others
+  std::uint64_t facts_impersonated = 0;  ///< claimed to be this vehicle's own, and were not: refused
+  std::uint64_t sends_rejected = 0;      ///< the network would not take it; repair makes up for it
+  std::uint64_t dimension_mismatch = 0;  ///< digests of fleets of another dimension
+  std::uint64_t disagreements = 0;       ///< digests with our facts and another map
+  std::uint64_t maps_built = 0;
+};
+
+/// Single-threaded, driven by calls that carry time on the vehicle's own clock, not decreasing.
+template <class G>
+class SubmapManager {
+ public:
+  /// `self`: this vehicle and an epoch it never used before. Throws ConfigError. `exchange` must outlive it.
+  SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params);
+
+  const ChainId& self() const { return self_; }
+
+  // ---- own facts, each stated once; indices are given here ----
+  /// Opens the chain: the first anchor, and the static bias if the start is known. Call first, once.
+  void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias);
+  /// A closing anchor with its batch; key and anchor of the landmarks are set here. Returns the index of the first one.
+  std::uint32_t publish_segment(const ChainState<G>& closing, std::vector<LandmarkFact<G>> batch);
+  /// False if the same hypothesis is already held.
+  bool publish_association(std::vector<Pairing> pairings);
+  void publish_verdict(Hash hypothesis, bool veto);
+  /// Where this vehicle is now. Not a fact: only the last one counts.
+  void publish_live(const ChainState<G>& state);
+
+  /// Takes what has come in, sends what is due (requests, answers, the digest).
+  void step(double now_s);
+  /// Builds the map anew if facts have come in and the period has passed, or if `force`. True if it did.
+  bool rebuild(double now_s, bool force = false);
+
+  const FactStore<G>& store() const { return store_; }
+  const GlobalMap<G>& map() const { return map_; }
+  /// Every chain heard of, this one included, in canonical order.
+  std::vector<VehicleState<G>> vehicles(double now_s);
+  const SubmapManagerCounters& counters() const { return counters_; }
+  const RepairCounters& repair_counters() const { return repair_.counters(); }
+  ExchangeCounters exchange_counters() const { return exchange_.counters(); }
+
+ private:
+  struct Peer {
+    std::optional<LivePose<G>> live;
+    double heard_s = 0.0;
+    bool disagrees = false;
+  };
+  template <class Fact>
+  void publish(const Fact& fact);
+  void send(Payload<G> payload);
+  void handle(const Message<G>& message, double now_s);
+  template <class Fact>
+  void take_in(FactKind kind, const Fact& fact);
+  void handle_digest(const ChainId& sender, const Digest& digest);
+  void send_digest(double now_s);
+  std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
+
+  ChainId self_;
+  SubmapExchange<G>& exchange_;
+  SubmapManagerParams params_;
+  FactStore<G> store_;
+  RepairProtocol<G> repair_;
+  std::unique_ptr<Backend<G>> backend_;
+  GlobalMap<G> map_;
+  std::uint64_t map_revision_ = 0;
+  double map_s_ = -1e300, digest_s_ = -1e300;
+  std::array<std::uint32_t, fact_kind_count> next_index_{};
+  std::optional<ChainState<G>> live_;
+  std::map<ChainId, Peer> peers_;
+  SubmapManagerCounters counters_;
+};
+
+}  // namespace convoy

@@ -1,0 +1,115 @@
+// Vehicle: all components of one vehicle behind one door, with the thread that drives them.
+//
+//   convoy::RangeBearingEkf slam(params);                       // or any other FrontEnd
+//   convoy::Vehicle<convoy::SE2> vehicle(config, slam);
+//   vehicle.configure();                                        // opens the exchange, a new epoch
+//   vehicle.activate();                                         // starts talking
+//   vehicle.feed([&] { slam.on_odometry(t, v, omega); });       // on every sensor input
+//   auto fleet = vehicle.snapshot();                            // poses of all vehicles, with integrity
+#pragma once
+
+#include <convoy/components/association_component.hpp>
+#include <convoy/components/front_end_component.hpp>
+#include <convoy/components/submap_manager.hpp>
+#include <convoy/exchange/impairment.hpp>
+
+#include <condition_variable>
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+#include <vector>
+
+namespace convoy {
+
+/// What a vehicle needs besides its front end and its network.
+template <class G>
+struct VehicleParams {
+  VehicleId id = 0;                              ///< 1 or more, unique in the fleet
+  std::filesystem::path state_folder;            ///< keeps the epoch counter; empty: the epoch comes from the clock
+  std::optional<Estimate<G>> static_bias;        ///< where it starts in the common frame, if known
+  DriftParams<G> drift;
+  AssociationParams association;
+  SubmapManagerParams submaps;
+  double live_period_s = 1.0;                    ///< between two live poses, of the front end's time
+  double step_period_s = 0.02;                   ///< of the thread, wall time, > 0
+  int searches_per_step = 8;                     ///< pairs of batches compared per step at most, >= 1
+};
+
+/// One look at everything, consistent in itself.
+template <class G>
+struct VehicleSnapshot {
+  ChainId self;
+  std::vector<VehicleState<G>> vehicles;  ///< all chains heard of, this one included
+  Hash facts_digest = 0, map_digest = 0, selection_digest = 0;
+  bool settled = false;                   ///< nothing missing, nothing to search, and the map holds every fact
+  std::uint64_t facts_missing = 0;
+  std::uint64_t landmarks_known = 0;
+  std::uint64_t landmarks_exported = 0;
+  SubmapManagerCounters submaps;
+  RepairCounters repair;
+  AssociationCounters association;
+  ExchangeCounters exchange;
+  std::array<std::uint64_t, insertion_count> insertions{};
+};
+
+template <class G>
+class Vehicle {
+ public:
+  enum class State : std::uint8_t { unconfigured, inactive, active };
+  using Clock = std::function<double()>;  ///< seconds, not decreasing; need not agree with other vehicles'
+  using OpenExchange = std::function<std::unique_ptr<SubmapExchange<G>>()>;
+
+  /// `front_end` must outlive it. `open` is called by configure(); it may throw ConfigError.
+  Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, OpenExchange open, Clock clock);
+  ~Vehicle();
+  Vehicle(const Vehicle&) = delete;
+  Vehicle& operator=(const Vehicle&) = delete;
+
+  // Lifecycle, each step reversible; a call in the wrong state throws ConfigError and changes nothing.
+  void configure();   ///< unconfigured -> inactive: a new epoch, the exchange opens, the chain begins
+  void activate();    ///< inactive -> active: the thread starts
+  void deactivate();  ///< active -> inactive: the thread stops; facts are kept, sensor input still counts
+  void shutdown();    ///< any -> unconfigured: the exchange closes and the facts are gone
+  State state() const;
+
+  /// Runs `input` (which gives the front end one sensor input) and exports what converged. From any thread.
+  /// Refused (false) while unconfigured.
+  bool feed(const std::function<void()>& input);
+
+  /// Throws ConfigError while unconfigured.
+  VehicleSnapshot<G> snapshot();
+
+  /// Runs `look` on the components with the thread held off: for what snapshot() does not tell.
+  void inspect(const std::function<void(SubmapManager<G>&, FrontEndComponent<G>&)>& look);
+
+  /// Set before configure().
+  void on_export(typename FrontEndComponent<G>::ExportListener listener) { on_export_ = std::move(listener); }
+
+ private:
+  void run();
+  void step();
+  Epoch next_epoch() const;
+
+  VehicleParams<G> params_;
+  FrontEnd<G>& front_end_;
+  OpenExchange open_;
+  Clock clock_;
+  typename FrontEndComponent<G>::ExportListener on_export_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable wake_;
+  State state_ = State::unconfigured;
+  bool stop_ = false;
+  std::thread thread_;
+  std::unique_ptr<SubmapExchange<G>> exchange_;
+  std::unique_ptr<SubmapManager<G>> manager_;
+  std::unique_ptr<FrontEndComponent<G>> front_end_component_;
+  std::unique_ptr<AssociationComponent<G>> association_;
+  int searches_left_ = 0;
+};
+
+}  // namespace convoy

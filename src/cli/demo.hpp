@@ -1,0 +1,31 @@
+// `convoy demo`: a scenario, one process per vehicle on this machine, and a run folder with the verdict.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "scenario/scenario.hpp"
+
+namespace convoy::cli {
+
+struct DemoOptions {
+  std::filesystem::path out;             ///< run folder; must not hold a run yet
+  std::string dataset;                   ///< "" (the street), or "mrclam"
+  std::filesystem::path dataset_folder;
+  std::uint64_t seed = 1;                ///< of the street
+  double rate = 10.0;                    ///< vehicle seconds per second, > 0
+  std::string impair;                    ///< Impairment::parse; on what every vehicle receives
+  bool literal = false;                  ///< the paper's own method: literal drift, EKF map, Fig. 5 search
+  bool restart_lost = false;             ///< start a vehicle whose process died again, once
+  double settle_timeout_s = 60.0;        ///< wall time the fleet gets to agree after its sensors have ended
+  std::optional<std::uint32_t> domain;   ///< DDS domain; default: by process id
+  std::filesystem::path profile;         ///< XML profile; default: the loopback profile that comes with convoy
+};
+
+/// Runs it all and prints progress. Returns 0 if every vehicle that lived wrote its results. Throws ConfigError.
+int run_demo(const DemoOptions& options);
+
+}  // namespace convoy::cli

@@ -1,0 +1,493 @@
+#include "evaluate/evaluate.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <cstdio>
+#include <set>
+
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli {
+using nlohmann::json;
+namespace {
+
+constexpr double stamp_tolerance_s = 1.5;  // a peer's pose belongs to an own pose if their stamps are this near
+constexpr double settling_s = 10.0;        // distance_rmse_settled_m begins this long after the first association
+
+json or_null(const std::optional<double>& value) { return value && std::isfinite(*value) ? json(*value) : json(); }
+
+json from_summary(const VehicleRecord& vehicle, const char* key) {
+  if (!vehicle.summary.is_object() || !vehicle.summary.contains(key)) return nullptr;
+  return vehicle.summary.at(key);
+}
+
+/// Collects squares, gives their root mean.
+class RootMeanSquare {
+ public:
+  void add_square(double square) {
+    sum_ += square;
+    ++count_;
+  }
+  void add(double error) { add_square(error * error); }
+  std::optional<double> value() const {
+    if (count_ == 0) return std::nullopt;
+    return std::sqrt(sum_ / static_cast<double>(count_));
+  }
+
+ private:
+  double sum_ = 0.0;
+  std::size_t count_ = 0;
+};
+
+/// NEES of a set of poses. Poses without a usable covariance are counted apart.
+struct Consistency {
+  double sum = 0.0;
+  std::size_t count = 0, covered = 0, without_covariance = 0;
+  std::vector<TimedValue> series;
+
+  void add(double t_s, const PoseEstimate& estimate, const SE2& T_common_true) {
+    static const double bound = chi2_quantile(0.95, 3.0);
+    const SE2::Tangent r = (estimate.T.inverse() * T_common_true).Log();
+    const double nees = squared_mahalanobis(r, estimate.P);
+    if (!std::isfinite(nees)) {
+      ++without_covariance;
+      return;
+    }
+    sum += nees;
+    ++count;
+    covered += nees <= bound;
+    series.push_back({t_s, nees});
+  }
+  void add(const Consistency& other) {
+    sum += other.sum;
+    count += other.count;
+    covered += other.covered;
+    without_covariance += other.without_covariance;
+  }
+  json anees() const { return count == 0 ? json() : json(sum / (3.0 * static_cast<double>(count))); }
+  json coverage95() const {
+    return count == 0 ? json() : json(static_cast<double>(covered) / static_cast<double>(count));
+  }
+};
+
+/// A way to express the truth in the common frame.
+struct Gauge {
+  const char* name;
+  std::optional<SE2> T_world_common;
+  const std::map<VehicleId, TruthMount>* mounts = nullptr;  ///< if set, taken off the truth
+};
+
+/// Judges what a vehicle said of itself in a gauge; what it said of its peers is skipped.
+Consistency judge(const VehicleRecord& vehicle, const std::vector<PoseRow>& rows, const Gauge& gauge) {
+  Consistency result;
+  if (!gauge.T_world_common) return result;
+  SE2 T_truth_body;
+  if (gauge.mounts) {
+    const auto mount = gauge.mounts->find(vehicle.id);
+    if (mount == gauge.mounts->end()) return result;
+    T_truth_body = mount->second.T_body_truth().inverse();
+  }
+  const SE2 T_common_world = gauge.T_world_common->inverse();
+  for (const PoseRow& row : rows) {
+    if (row.vehicle != vehicle.id || !row.common) continue;
+    if (const auto T_world_truth = truth_at(vehicle.truth, row.t_s))
+      result.add(row.t_s, *row.common, T_common_world * *T_world_truth * T_truth_body);
+  }
+  return result;
+}
+
+std::optional<SE2> gauge_at_start(const RunRecord& run) {
+  const VehicleRecord* vehicle = run.find(run.common_frame_vehicle);
+  const auto first = run.first_event_s.find(run.common_frame_vehicle);
+  if (!vehicle || first == run.first_event_s.end()) return std::nullopt;
+  return truth_at(vehicle->truth, first->second);
+}
+
+struct FleetFit {
+  std::optional<RigidFit> fit;
+  std::map<VehicleId, double> ate_m;
+};
+
+/// One rigid motion for the corrected trajectories of the whole fleet, and what is left of the position error.
+FleetFit fit_fleet(const RunRecord& run) {
+  std::vector<Eigen::Vector2d> estimated, truth;
+  std::vector<VehicleId> owner;
+  for (const VehicleRecord& vehicle : run.vehicles)
+    for (const PoseRow& row : vehicle.trajectory) {
+      if (!row.common) continue;
+      const auto T_world_body = truth_at(vehicle.truth, row.t_s);
+      if (!T_world_body) continue;
+      estimated.push_back(row.common->T.translation());
+      truth.push_back(T_world_body->translation());
+      owner.push_back(vehicle.id);
+    }
+  FleetFit result{fit_rigid(estimated, truth), {}};
+  if (!result.fit) return result;
+  std::map<VehicleId, RootMeanSquare> errors;
+  for (std::size_t i = 0; i < owner.size(); ++i)
+    errors[owner[i]].add_square((result.fit->T_to_from * estimated[i] - truth[i]).squaredNorm());
+  for (const auto& [id, error] : errors) result.ate_m[id] = *error.value();
+  return result;
+}
+
+/// The landmarks of the map, by the labels of their authors, fitted rigidly to the true ones.
+std::optional<RigidFit> fit_landmarks(const RunRecord& run) {
+  const VehicleRecord* judge_of = run.first_survivor();
+  if (!judge_of) return std::nullopt;
+  std::map<std::uint32_t, Eigen::Vector2d> truth_of;
+  for (const TruthLandmark& landmark : run.landmarks) truth_of[landmark.id] = landmark.p_world_m;
+  std::set<ChainId> aligned;
+  for (const MapChain& chain : judge_of->map->chains)
+    if (chain.aligned) aligned.insert(chain.chain);
+  std::vector<Eigen::Vector2d> estimated, truth;
+  for (const MapLandmark& landmark : judge_of->map->landmarks) {
+    const VehicleRecord* author = run.find(landmark.key.chain.vehicle);
+    if (!author || !landmark.p_common_m || !aligned.contains(landmark.key.chain)) continue;
+    const auto track = author->track_of_landmark.find({landmark.key.chain.epoch, landmark.key.index});
+    if (track == author->track_of_landmark.end() || !truth_of.contains(track->second)) continue;
+    estimated.push_back(*landmark.p_common_m);
+    truth.push_back(truth_of.at(track->second));
+  }
+  return fit_rigid(estimated, truth);
+}
+
+/// The cumulative counter at whole seconds, by linear interpolation; a process that started again counts on.
+std::vector<TimedValue> bytes_by_second(const std::vector<TrafficRow>& traffic) {
+  if (traffic.empty()) return {};
+  std::vector<TimedValue> total{{std::min(0.0, traffic.front().t_s), 0.0}};
+  double before_restart = 0.0, last = 0.0;
+  for (const TrafficRow& row : traffic) {
+    if (row.bytes_sent < last) before_restart += last;
+    last = row.bytes_sent;
+    total.push_back({row.t_s, before_restart + last});
+  }
+  std::vector<TimedValue> result;
+  std::size_t i = 0;
+  double previous = 0.0;
+  for (double t = std::floor(total.front().t_s) + 1.0; t < total.back().t_s + 1.0; t += 1.0) {
+    while (i + 1 < total.size() && total[i + 1].t_s < t) ++i;
+    double value = total.back().value;
+    if (i + 1 < total.size()) {
+      const double span = total[i + 1].t_s - total[i].t_s;
+      const double share = span > 0.0 ? (t - total[i].t_s) / span : 1.0;
+      value = total[i].value + share * (total[i + 1].value - total[i].value);
+    }
+    result.push_back({t, value - previous});
+    previous = value;
+  }
+  return result;
+}
+
+// ---- pairs ----
+
+const PoseRow* nearest(const std::vector<const PoseRow*>& rows, double t_s) {
+  auto after =
+      std::lower_bound(rows.begin(), rows.end(), t_s, [](const PoseRow* row, double t) { return row->t_s < t; });
+  const PoseRow* best = nullptr;
+  if (after != rows.end()) best = *after;
+  if (after != rows.begin() && (!best || t_s - (*std::prev(after))->t_s <= best->t_s - t_s)) best = *std::prev(after);
+  return best && std::abs(best->t_s - t_s) <= stamp_tolerance_s ? best : nullptr;
+}
+
+std::vector<const PoseRow*> rows_of(const VehicleRecord& viewer, VehicleId id) {
+  std::vector<const PoseRow*> rows;
+  for (const PoseRow& row : viewer.live)
+    if (row.vehicle == id) rows.push_back(&row);
+  std::stable_sort(rows.begin(), rows.end(), [](const auto* a, const auto* b) { return a->t_s < b->t_s; });
+  return rows;
+}
+
+/// The distance between `viewer` and `other`, second by second, as the viewer saw it.
+std::vector<DistanceSample> distances(const VehicleRecord& viewer, const VehicleRecord& other) {
+  const auto own_rows = rows_of(viewer, viewer.id), other_rows = rows_of(viewer, other.id);
+  const auto between = [](const SE2& a, const SE2& b) { return (a.translation() - b.translation()).norm(); };
+  std::vector<DistanceSample> samples;
+  for (const PoseRow* own : own_rows) {
+    const PoseRow* peer = nearest(other_rows, own->t_s);
+    if (!peer || !own->slam || !peer->slam) continue;
+    const auto own_truth = truth_at(viewer.truth, own->t_s), peer_truth = truth_at(other.truth, peer->t_s);
+    if (!own_truth || !peer_truth) continue;
+    DistanceSample sample{own->t_s, between(*own_truth, *peer_truth), between(own->slam->T, peer->slam->T), {}};
+    if (own->common && peer->common) sample.convoy_m = between(own->common->T, peer->common->T);
+    samples.push_back(sample);
+  }
+  return samples;
+}
+
+std::vector<const MapAssociation*> accepted_by_time(const MapRecord& map) {
+  std::vector<const MapAssociation*> accepted;
+  for (const MapAssociation& association : map.associations)
+    if (association.accepted) accepted.push_back(&association);
+  std::stable_sort(accepted.begin(), accepted.end(), [](const auto* a, const auto* b) { return a->t_s < b->t_s; });
+  return accepted;
+}
+
+bool links(const MapAssociation& association, VehicleId a, VehicleId b) {
+  return std::any_of(association.pairings.begin(), association.pairings.end(), [&](const Pairing& p) {
+    const VehicleId first = p.first.chain.vehicle, second = p.second.chain.vehicle;
+    return (first == a && second == b) || (first == b && second == a);
+  });
+}
+
+std::optional<double> first_direct_association(const MapRecord& map, VehicleId a, VehicleId b) {
+  for (const MapAssociation* association : accepted_by_time(map))
+    if (links(*association, a, b)) return association->t_s;
+  return std::nullopt;
+}
+
+/// When a and b are first linked, be it through other vehicles.
+std::optional<double> first_association(const MapRecord& map, VehicleId a, VehicleId b) {
+  std::map<VehicleId, VehicleId> group;  // vehicle -> name of its group
+  const auto group_of = [&group](VehicleId id) { return group.emplace(id, id).first->second; };
+  for (const MapAssociation* association : accepted_by_time(map)) {
+    for (const Pairing& p : association->pairings) {
+      const VehicleId keep = group_of(p.first.chain.vehicle), gone = group_of(p.second.chain.vehicle);
+      for (auto& [id, name] : group)
+        if (name == gone) name = keep;
+    }
+    if (group_of(a) == group_of(b)) return association->t_s;
+  }
+  return std::nullopt;
+}
+
+json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecord& b, PairSeries& series) {
+  const VehicleRecord* survivor = run.first_survivor();
+  if (survivor) series.first_association_s = first_association(*survivor->map, a.id, b.id);
+  RootMeanSquare raw, raw_after, convoy, convoy_settled;
+  std::optional<double> final_error;
+  for (const auto& [viewer, other] : {std::pair(&a, &b), std::pair(&b, &a)}) {
+    const auto samples = distances(*viewer, *other);
+    for (const DistanceSample& sample : samples) {
+      raw.add(sample.raw_m - sample.true_m);
+      if (!series.first_association_s || sample.t_s < *series.first_association_s) continue;
+      raw_after.add(sample.raw_m - sample.true_m);
+      if (!sample.convoy_m) continue;
+      const double error = *sample.convoy_m - sample.true_m;
+      convoy.add(error);
+      if (sample.t_s >= *series.first_association_s + settling_s) convoy_settled.add(error);
+    }
+    if (series.distances.empty()) {
+      series.distances = samples;
+      for (const DistanceSample& sample : samples)
+        if (sample.convoy_m) final_error = std::abs(*sample.convoy_m - sample.true_m);
+    }
+  }
+  return {
+      {"a", a.id},
+      {"b", b.id},
+      {"first_association_s", or_null(series.first_association_s)},
+      {"first_direct_association_s", survivor ? or_null(first_direct_association(*survivor->map, a.id, b.id)) : json()},
+      {"distance_rmse_raw_m", or_null(raw.value())},
+      {"distance_rmse_raw_after_m", or_null(raw_after.value())},
+      {"distance_rmse_m", or_null(convoy.value())},
+      {"distance_rmse_settled_m", or_null(convoy_settled.value())},
+      {"distance_error_final_m", or_null(final_error)}};
+}
+
+// ---- associations ----
+
+enum class Verdict { right, wrong, unknown };
+
+Verdict verdict_of(const RunRecord& run, const Pairing& pairing) {
+  const auto track_of = [&run](const Key& key) -> std::optional<std::uint32_t> {
+    const VehicleRecord* author = run.find(key.chain.vehicle);
+    if (!author) return std::nullopt;
+    const auto it = author->track_of_landmark.find({key.chain.epoch, key.index});
+    return it == author->track_of_landmark.end() ? std::nullopt : std::optional(it->second);
+  };
+  const auto first = track_of(pairing.first), second = track_of(pairing.second);
+  if (!first || !second) return Verdict::unknown;
+  return *first == *second ? Verdict::right : Verdict::wrong;
+}
+
+json judge_associations(const RunRecord& run) {
+  const VehicleRecord* survivor = run.first_survivor();
+  if (!survivor) return {{"accepted", nullptr}, {"true", nullptr}, {"false", nullptr}};
+  std::set<Pairing> seen;
+  int count[3] = {0, 0, 0}, within_a_vehicle = 0, hypotheses = 0, hypotheses_false = 0;
+  for (const MapAssociation* association : accepted_by_time(*survivor->map)) {
+    bool wrong = false;
+    for (const Pairing& pairing : association->pairings) {
+      const Verdict verdict = verdict_of(run, pairing);
+      wrong = wrong || verdict == Verdict::wrong;
+      if (!seen.insert(pairing).second) continue;  // two hypotheses may hold the same pairing
+      ++count[static_cast<int>(verdict)];
+      within_a_vehicle += pairing.first.chain.vehicle == pairing.second.chain.vehicle;
+    }
+    ++hypotheses;
+    hypotheses_false += wrong;
+  }
+  return {{"accepted", seen.size()},
+          {"true", count[static_cast<int>(Verdict::right)]},
+          {"false", count[static_cast<int>(Verdict::wrong)]},
+          {"unjudged", count[static_cast<int>(Verdict::unknown)]},
+          {"within_a_vehicle", within_a_vehicle},
+          {"hypotheses_accepted", hypotheses},
+          {"hypotheses_false", hypotheses_false},
+          {"hypotheses_rejected", survivor->map->associations.size() - static_cast<std::size_t>(hypotheses)}};
+}
+
+// ---- the fleet as a whole ----
+
+json map_digests_equal(const RunRecord& run) {
+  std::set<std::string> digests;
+  for (const VehicleRecord& vehicle : run.vehicles) {
+    if (vehicle.lost) continue;
+    const json digest = from_summary(vehicle, "map_digest");
+    if (!digest.is_string()) return nullptr;
+    digests.insert(digest.get<std::string>());
+  }
+  return digests.empty() ? json() : json(digests.size() == 1);
+}
+
+json facts_lost(const RunRecord& run) {
+  json sum;
+  for (const VehicleRecord& vehicle : run.vehicles) {
+    if (vehicle.lost) continue;
+    const json missing = from_summary(vehicle, "facts_missing");
+    if (!missing.is_number()) return nullptr;
+    sum = (sum.is_null() ? 0 : sum.get<std::int64_t>()) + missing.get<std::int64_t>();
+  }
+  return sum;
+}
+
+/// True if the final map has every vehicle's chains in the common frame.
+json all_aligned(const RunRecord& run) {
+  const VehicleRecord* survivor = run.first_survivor();
+  if (!survivor) return nullptr;
+  std::set<VehicleId> aligned;
+  for (const MapChain& chain : survivor->map->chains) {
+    if (!chain.aligned) return false;
+    aligned.insert(chain.chain.vehicle);
+  }
+  return std::all_of(run.vehicles.begin(), run.vehicles.end(), [&](const auto& v) { return aligned.contains(v.id); });
+}
+
+json info_or_null(const RunRecord& run, const char* key) { return run.info.contains(key) ? run.info.at(key) : json(); }
+
+json real_time_factor(const RunRecord& run) {
+  const json wall = info_or_null(run, "wall_s"), vehicle = info_or_null(run, "vehicle_s");
+  if (!wall.is_number() || !vehicle.is_number() || wall.get<double>() <= 0.0) return nullptr;
+  return vehicle.get<double>() / wall.get<double>();
+}
+
+json rates(const std::vector<TimedValue>& by_second, double last_t_s) {
+  if (by_second.empty() || last_t_s <= 0.0) return {{"mean", nullptr}, {"max", nullptr}};
+  double sum = 0.0, worst = 0.0;
+  for (const TimedValue& second : by_second) {
+    sum += second.value;
+    worst = std::max(worst, second.value);
+  }
+  return {{"mean", sum / last_t_s}, {"max", worst}};
+}
+
+}  // namespace
+
+Evaluation evaluate(const RunRecord& run) {
+  Evaluation result;
+  const FleetFit fleet = fit_fleet(run);
+  const std::optional<RigidFit> landmark_fit = fit_landmarks(run);
+  std::map<VehicleId, TruthMount> mounts;
+  for (const VehicleRecord& vehicle : run.vehicles)
+    if (const auto mount = find_truth_mount(vehicle.truth)) mounts[vehicle.id] = *mount;
+
+  const std::optional<SE2> fitted = fleet.fit ? std::optional(fleet.fit->T_to_from) : std::nullopt;
+  const Gauge gauges[] = {{"start", gauge_at_start(run)}, {"fit", fitted}, {"mounted", fitted, &mounts}};
+  const Gauge& chosen = run.scenario == "mrclam" ? gauges[1] : gauges[0];
+  result.T_world_common = chosen.T_world_common;
+  if (!result.T_world_common && landmark_fit) result.T_world_common = landmark_fit->T_to_from;
+
+  json vehicles = json::array();
+  std::map<std::string, Consistency> fleet_live;
+  Consistency fleet_chosen;
+  for (const VehicleRecord& vehicle : run.vehicles) {
+    const auto ate = fleet.ate_m.find(vehicle.id);
+    const auto mount = mounts.find(vehicle.id);
+    auto& by_second = result.bytes_per_s[vehicle.id] = bytes_by_second(vehicle.traffic);
+    const json rate = rates(by_second, vehicle.traffic.empty() ? 0.0 : vehicle.traffic.back().t_s);
+    const Consistency live = judge(vehicle, vehicle.live, chosen);
+    const Consistency corrected = judge(vehicle, vehicle.trajectory, chosen);
+    json entry = {{"id", vehicle.id},
+                  {"lost", vehicle.lost},
+                  {"bytes_per_s_mean", rate.at("mean")},
+                  {"bytes_per_s_max", rate.at("max")},
+                  {"ate_m", ate == fleet.ate_m.end() ? json() : json(ate->second)},
+                  {"pose_anees", live.anees()},
+                  {"pose_coverage95", live.coverage95()},
+                  {"poses_judged", live.count},
+                  {"poses_without_covariance", live.without_covariance},
+                  {"trajectory_anees", corrected.anees()},
+                  {"trajectory_coverage95", corrected.coverage95()},
+                  {"truth_mount_heading_rad", mount == mounts.end() ? json() : json(mount->second.heading_rad)},
+                  {"truth_mount_forward_m", mount == mounts.end() ? json() : json(mount->second.forward_m)}};
+    for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent",
+                            "integrity", "map_digest", "peak_rss_mb"})
+      entry[key] = from_summary(vehicle, key);
+    for (const Gauge& gauge : gauges) {
+      const Consistency in_gauge = judge(vehicle, vehicle.live, gauge);
+      entry[std::string("pose_anees_") + gauge.name] = in_gauge.anees();
+      entry[std::string("pose_coverage95_") + gauge.name] = in_gauge.coverage95();
+      fleet_live[gauge.name].add(in_gauge);
+    }
+    fleet_chosen.add(live);
+    result.live_nees[vehicle.id] = live.series;
+    vehicles.push_back(std::move(entry));
+  }
+
+  json pairs = json::array();
+  for (std::size_t a = 0; a < run.vehicles.size(); ++a)
+    for (std::size_t b = a + 1; b < run.vehicles.size(); ++b) {
+      result.pairs.push_back({run.vehicles[a].id, run.vehicles[b].id, {}, {}});
+      pairs.push_back(judge_pair(run, run.vehicles[a], run.vehicles[b], result.pairs.back()));
+    }
+
+  json& metrics = result.metrics;
+  metrics = {{"scenario", run.scenario},
+             {"source", info_or_null(run, "source")},
+             {"seed", info_or_null(run, "seed")},
+             {"gauge", chosen.name},
+             {"vehicles", std::move(vehicles)},
+             {"pairs", std::move(pairs)},
+             {"associations", judge_associations(run)},
+             {"fleet_ate_m", fleet.fit ? json(fleet.fit->rmse_m) : json()},
+             {"fleet_anees", fleet_chosen.anees()},
+             {"fleet_coverage95", fleet_chosen.coverage95()},
+             {"landmark_rmse_m", landmark_fit ? json(landmark_fit->rmse_m) : json()},
+             {"map_digests_equal", map_digests_equal(run)},
+             {"facts_lost", facts_lost(run)},
+             {"all_aligned", all_aligned(run)},
+             {"lost_vehicles", run.info.value("lost_vehicles", json::array())},
+             {"wall_s", info_or_null(run, "wall_s")},
+             {"vehicle_s", info_or_null(run, "vehicle_s")},
+             {"real_time_factor", real_time_factor(run)}};
+  for (const auto& [name, consistency] : fleet_live) {
+    metrics["fleet_anees_" + name] = consistency.anees();
+    metrics["fleet_coverage95_" + name] = consistency.coverage95();
+  }
+  return result;
+}
+
+std::string tum_trajectory(const std::vector<PoseRow>& trajectory) {
+  std::string text;
+  char line[160];
+  for (const PoseRow& row : trajectory) {
+    if (!row.common) continue;
+    const SE2& T = row.common->T;
+    std::snprintf(line, sizeof line, "%.6f %.6f %.6f 0 0 0 %.9f %.9f\n", row.t_s, T.translation().x(),
+                  T.translation().y(), std::sin(0.5 * T.theta()), std::cos(0.5 * T.theta()));
+    text += line;
+  }
+  return text;
+}
+
+void write_evaluation(const RunRecord& run, const Evaluation& evaluation) {
+  for (const VehicleRecord& vehicle : run.vehicles)
+    if (!vehicle.trajectory.empty())
+      write_text_file(run.folder / ("vehicle_" + std::to_string(vehicle.id) + ".tum"),
+                      tum_trajectory(vehicle.trajectory));
+  write_text_file(run.folder / "metrics.json", evaluation.metrics.dump(2) + "\n");
+}
+
+}  // namespace convoy::cli

@@ -1,0 +1,74 @@
+// The judge: a finished run against the truth.
+//
+// Frames. The common frame is the start frame of one vehicle's SLAM. To compare with the truth, T_world_common is
+// needed, and there are two ways to it:
+//   gauge "start"  the true pose of the common-frame vehicle at its first sensor event. Exact in simulation. With a
+//                  motion capture system it is off by the angle at which the markers' frame happens to sit on that
+//                  vehicle, and this angle turns the whole fleet.
+//   gauge "fit"    one rigid motion (no scale) for the whole fleet, fitted to the positions of all corrected
+//                  trajectories.
+// pose_anees and pose_coverage95 use "start" for the street and "fit" for MR.CLAM; both are given under their own
+// names (..._start, ..._fit). A third variant, ..._mounted, uses "fit" and takes off, vehicle by vehicle, the angle and
+// the forward offset of the truth's body frame, found from the truth alone (find_truth_mount). Position errors (ATE)
+// always use "fit" and the truth as it was recorded.
+//
+// Consistency. NEES = r^T P^-1 r, r = Log(T_est^-1 T_true), 3 degrees of freedom; anees is the mean of NEES / 3 (1 is
+// ideal, above is overconfident), coverage95 the share with NEES <= chi2(0.95, 3). "Live" is what a vehicle said of
+// itself at the time, once a second, once aligned; "trajectory" is the whole path corrected with the final map. Poses
+// whose covariance is not positive definite (the start of the common-frame vehicle is known exactly) cannot be judged;
+// they are left out and counted in poses_without_covariance.
+//
+// Distances. Of a pair, as both vehicles saw it live: a's own pose with the pose of b whose stamp is nearest (within
+// 1.5 s), against the truth at the same two stamps, so that latency does not look like error. "raw" takes each
+// vehicle's SLAM pose as if all had started in one place. The pair's first association is the first moment at which
+// accepted associations link the two, directly or through others.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+#include "evaluate/run_folder.hpp"
+#include "evaluate/truth.hpp"
+
+namespace convoy::cli {
+
+struct TimedValue {
+  double t_s = 0.0;
+  double value = 0.0;
+};
+
+struct DistanceSample {
+  double t_s = 0.0;  ///< of the viewer's own pose
+  double true_m = 0.0;
+  double raw_m = 0.0;
+  std::optional<double> convoy_m;  ///< empty while one of the two is not aligned
+};
+
+struct PairSeries {
+  VehicleId a = 0, b = 0;
+  std::optional<double> first_association_s;
+  std::vector<DistanceSample> distances;  ///< as seen by the first vehicle of the pair that left a live.csv
+};
+
+struct Evaluation {
+  nlohmann::json metrics;                                    ///< the content of metrics.json
+  std::optional<SE2> T_world_common;                         ///< the gauge that the figures use
+  std::map<VehicleId, std::vector<TimedValue>> live_nees;    ///< in the gauge of pose_anees
+  std::map<VehicleId, std::vector<TimedValue>> bytes_per_s;  ///< by whole second
+  std::vector<PairSeries> pairs;
+};
+
+/// Judges a run. What cannot be known (no truth, a missing file) is null in the metrics, never a guess.
+Evaluation evaluate(const RunRecord& run);
+
+/// Writes RUN/metrics.json and RUN/vehicle_<id>.tum. Throws ConfigError.
+void write_evaluation(const RunRecord& run, const Evaluation& evaluation);
+
+/// The corrected trajectory in the common frame as TUM text: t x y z qx qy qz qw.
+std::string tum_trajectory(const std::vector<PoseRow>& trajectory);
+
+}  // namespace convoy::cli

@@ -1,0 +1,212 @@
+#include "evaluate/run_folder.hpp"
+
+#include <algorithm>
+#include <convoy/config_error.hpp>
+
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli {
+namespace fs = std::filesystem;
+using nlohmann::json;
+namespace {
+
+/// Six upper entries of a symmetric 3 x 3, row by row.
+template <class Get>
+Eigen::Matrix3d symmetric(const Get& get) {
+  Eigen::Matrix3d P;
+  P << get(0), get(1), get(2), get(1), get(3), get(4), get(2), get(4), get(5);
+  return P;
+}
+
+/// Pose in columns first..first+2, covariance in the six that follow: all there or all empty.
+std::optional<PoseEstimate> read_pose(const TableFile& table, std::size_t first) {
+  std::size_t empty = 0;
+  for (std::size_t i = first; i < first + 9; ++i) empty += table.text(i).empty();
+  if (empty == 9) return std::nullopt;
+  if (empty != 0) table.refuse("a pose and its covariance must be given in full or left empty in full");
+  return PoseEstimate{SE2(table.number(first), table.number(first + 1), table.number(first + 2)),
+                      symmetric([&](std::size_t i) { return table.number(first + 3 + i); })};
+}
+
+std::vector<PoseRow> read_live(const fs::path& file, bool may_be_cut) {
+  std::vector<PoseRow> rows;
+  TableFile table(file, {.header = live_header, .drop_cut_last_line = may_be_cut});
+  while (table.next())
+    rows.push_back({table.number(0), table.small_number(1), table.optional_number(2).value_or(0.0), read_pose(table, 3),
+                    read_pose(table, 12)});
+  return rows;
+}
+
+std::vector<PoseRow> read_trajectory(const fs::path& file, VehicleId id, bool may_be_cut) {
+  std::vector<PoseRow> rows;
+  TableFile table(file, {.header = trajectory_header, .drop_cut_last_line = may_be_cut});
+  while (table.next())
+    rows.push_back({table.number(0), id, table.number(1), read_pose(table, 2), read_pose(table, 11)});
+  return rows;
+}
+
+std::vector<TrafficRow> read_traffic(const fs::path& file, bool may_be_cut) {
+  std::vector<TrafficRow> rows;
+  TableFile table(file, {.header = traffic_header, .drop_cut_last_line = may_be_cut});
+  while (table.next()) {
+    rows.push_back({table.number(0), table.number(1)});
+    if (rows.size() > 1 && rows.back().t_s < rows[rows.size() - 2].t_s) table.refuse("time runs backwards");
+  }
+  return rows;
+}
+
+void read_labels(const fs::path& file, bool may_be_cut, VehicleRecord& vehicle) {
+  TableFile table(file, {.header = labels_header, .drop_cut_last_line = may_be_cut});
+  while (table.next())
+    vehicle.track_of_landmark[{table.whole_number(1), table.small_number(0)}] = table.small_number(2);
+  vehicle.has_labels = true;
+}
+
+std::optional<SE2> pose_from(const json& object, const char* name) {
+  const auto it = object.find(name);
+  if (it == object.end() || it->is_null()) return std::nullopt;
+  return SE2(it->at(0), it->at(1), it->at(2));
+}
+
+std::optional<Eigen::Matrix3d> covariance_from(const json& object, const char* name) {
+  const auto it = object.find(name);
+  if (it == object.end() || it->is_null()) return std::nullopt;
+  return symmetric([&](std::size_t i) { return it->at(i).get<double>(); });
+}
+
+Key key_from(const json& object) { return {{object.at("vehicle"), object.at("epoch")}, object.at("index")}; }
+
+MapAnchor anchor_from(const json& object) {
+  MapAnchor anchor;
+  anchor.key = key_from(object);
+  anchor.stamp_s = object.at("stamp_s");
+  const auto pose = pose_from(object, "pose");
+  if (pose) anchor.common = PoseEstimate{*pose, covariance_from(object, "cov").value_or(Eigen::Matrix3d::Zero())};
+  anchor.T_slam_body = pose_from(object, "slam");
+  anchor.drift = covariance_from(object, "drift").value_or(Eigen::Matrix3d::Zero());
+  return anchor;
+}
+
+MapLandmark landmark_from(const json& object) {
+  MapLandmark landmark;
+  landmark.key = key_from(object);
+  if (object.contains("x") && object.at("x").is_number() && object.at("y").is_number())
+    landmark.p_common_m = Eigen::Vector2d(object.at("x"), object.at("y"));
+  landmark.landmark_class = object.value("class", std::int64_t{-1});
+  return landmark;
+}
+
+MapAssociation association_from(const json& object) {
+  MapAssociation association;
+  association.author = object.at("author");
+  association.t_s = object.at("t_s");
+  association.accepted = object.at("accepted");
+  for (const json& p : object.at("pairings")) {
+    const Key one{{p.at(0), p.at(1)}, p.at(2)}, other{{p.at(3), p.at(4)}, p.at(5)};
+    association.pairings.push_back({std::min(one, other), std::max(one, other)});
+  }
+  return association;
+}
+
+MapRecord map_from(const json& object) {
+  MapRecord map;
+  map.map_digest = object.at("map_digest");
+  for (const json& c : object.at("chains")) map.chains.push_back({{c.at("vehicle"), c.at("epoch")}, c.at("aligned")});
+  for (const json& a : object.at("anchors")) map.anchors.push_back(anchor_from(a));
+  for (const json& l : object.at("landmarks")) map.landmarks.push_back(landmark_from(l));
+  for (const json& a : object.at("associations")) map.associations.push_back(association_from(a));
+  return map;
+}
+
+/// `use` on the parsed file; every fault of the text is a ConfigError that names the file.
+template <class Use>
+void with_json(const fs::path& file, const Use& use) {
+  try {
+    use(json::parse(read_text_file(file)));
+  } catch (const json::exception& error) {
+    throw ConfigError(file.string() + ": not what it should be (" + error.what() + "); the run has to be repeated");
+  }
+}
+
+void read_vehicle_files(const fs::path& folder, VehicleRecord& vehicle) {
+  const auto if_there = [&folder](const char* name, const auto& use) {
+    if (fs::exists(folder / name)) use(folder / name);
+  };
+  const bool may_be_cut = vehicle.lost;
+  if_there("live.csv", [&](const fs::path& file) { vehicle.live = read_live(file, may_be_cut); });
+  if_there("trajectory.csv",
+           [&](const fs::path& file) { vehicle.trajectory = read_trajectory(file, vehicle.id, may_be_cut); });
+  if_there("traffic.csv", [&](const fs::path& file) { vehicle.traffic = read_traffic(file, may_be_cut); });
+  if_there("labels.csv", [&](const fs::path& file) { read_labels(file, may_be_cut, vehicle); });
+  if_there("map.json",
+           [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.map = map_from(object); }); });
+  if_there("summary.json",
+           [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.summary = object; }); });
+}
+
+bool contains(const json& list, VehicleId id) {
+  return std::any_of(list.begin(), list.end(), [id](const json& entry) { return entry == id; });
+}
+
+std::map<VehicleId, StaticPrior> priors_of(const fs::path& run_folder) {
+  std::map<VehicleId, StaticPrior> priors;
+  const fs::path file = run_folder / "scenario.json";
+  if (!fs::exists(file)) return priors;
+  with_json(file, [&](const json& object) {
+    for (const json& vehicle : object.at("vehicles"))
+      if (vehicle.contains("prior")) {
+        const json &mean = vehicle.at("prior").at("mean"), &sigma = vehicle.at("prior").at("sigma");
+        priors[vehicle.at("id")] = {SE2(mean.at(0), mean.at(1), mean.at(2)), sigma.at(0), sigma.at(1), sigma.at(2)};
+      }
+  });
+  return priors;
+}
+
+/// Time of the first row of sensors.csv, without reading the rest.
+std::optional<double> first_event(const fs::path& file) {
+  if (!fs::exists(file)) return std::nullopt;
+  TableFile table(file, {.header = "t_s,kind,a,b,c"});
+  if (!table.next()) return std::nullopt;
+  return table.number(0);
+}
+
+}  // namespace
+
+const VehicleRecord* RunRecord::find(VehicleId id) const {
+  const auto it = std::find_if(vehicles.begin(), vehicles.end(), [id](const auto& v) { return v.id == id; });
+  return it == vehicles.end() ? nullptr : &*it;
+}
+
+const VehicleRecord* RunRecord::first_survivor() const {
+  const auto it = std::find_if(vehicles.begin(), vehicles.end(), [](const auto& v) { return !v.lost && v.map; });
+  return it == vehicles.end() ? nullptr : &*it;
+}
+
+RunRecord read_run(const fs::path& folder) {
+  RunRecord run;
+  run.folder = folder;
+  with_json(folder / "run.json", [&](const json& info) {
+    run.info = info;
+    run.scenario = info.at("scenario");
+    run.common_frame_vehicle = info.at("common_frame_vehicle");
+    for (const json& id : info.at("vehicles")) {
+      run.vehicles.emplace_back();
+      run.vehicles.back().id = id;
+      run.vehicles.back().lost = info.contains("lost_vehicles") && contains(info.at("lost_vehicles"), id);
+    }
+  });
+  std::sort(run.vehicles.begin(), run.vehicles.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
+  const auto priors = priors_of(folder);
+  for (VehicleRecord& vehicle : run.vehicles) {
+    const fs::path own = vehicle_folder(folder, vehicle.id);
+    read_vehicle_files(own, vehicle);
+    if (const auto t_s = first_event(own / "sensors.csv")) run.first_event_s[vehicle.id] = *t_s;
+    if (fs::exists(truth_file(folder, vehicle.id))) vehicle.truth = read_truth(truth_file(folder, vehicle.id));
+    if (const auto prior = priors.find(vehicle.id); prior != priors.end()) vehicle.prior = prior->second;
+  }
+  if (fs::exists(folder / "truth" / "landmarks.csv"))
+    run.landmarks = read_landmarks(folder / "truth" / "landmarks.csv");
+  return run;
+}
+
+}  // namespace convoy::cli

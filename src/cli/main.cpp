@@ -1,0 +1,79 @@
+// The command convoy.
+#include <convoy/config_error.hpp>
+
+#include <CLI/CLI.hpp>
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <cstdio>
+
+#include "demo.hpp"
+#include "evaluate/evaluate.hpp"
+#include "evaluate/run_folder.hpp"
+#include "report/report.hpp"
+#include "vehicle_process.hpp"
+
+int main(int argc, char** argv) {
+  using namespace convoy;
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("convoy"));
+  CLI::App app{"convoy: one consistent map for several vehicles, without a server, over Fast DDS"};
+  app.require_subcommand(1);
+  app.set_version_flag("--version", CONVOY_VERSION);
+  int status = 0;
+
+  cli::DemoOptions demo;
+  std::vector<std::string> dataset;
+  auto* demo_command = app.add_subcommand("demo", "Drive a fleet on this machine, one process per vehicle, and report");
+  demo.out = "convoy-demo";
+  demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
+  demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam")->expected(2);
+  demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)");
+  demo_command->add_option("--rate", demo.rate, "vehicle seconds per second (default: 10)")->check(CLI::PositiveNumber);
+  demo_command->add_option("--impair", demo.impair, "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
+  demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
+  demo_command->add_flag("--restart-lost", demo.restart_lost, "start a vehicle whose process died again, once");
+  demo_command->add_option("--settle-timeout", demo.settle_timeout_s, "seconds to agree after the sensors end (default: 60)");
+  demo_command->add_option("--domain", demo.domain, "DDS domain 0..232 (default: by process id)")->check(CLI::Range(0, 232));
+  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")->check(CLI::ExistingFile);
+  demo_command->callback([&] {
+    if (!dataset.empty()) {
+      demo.dataset = dataset[0];
+      demo.dataset_folder = dataset[1];
+    }
+    status = cli::run_demo(demo);
+  });
+
+  std::string config;
+  bool until_end = false;
+  double status_period_s = 0.25;
+  auto* vehicle_command = app.add_subcommand("vehicle", "Run one vehicle until SIGINT or SIGTERM");
+  vehicle_command->add_option("config", config, "its XML configuration")->required();
+  vehicle_command->add_flag("--until-end", until_end, "end when the sensor log has ended and all facts are settled");
+  vehicle_command->add_option("--status-period", status_period_s, "seconds between status lines (default: 0.25)")
+      ->check(CLI::PositiveNumber);
+  vehicle_command->callback([&] { status = cli::run_vehicle(load_vehicle_config(config), until_end, status_period_s); });
+
+  std::string run_folder;
+  auto* evaluate_command = app.add_subcommand("evaluate", "Judge a run folder again: metrics.json and report.html");
+  evaluate_command->add_option("run", run_folder, "run folder")->required();
+  evaluate_command->callback([&] {
+    const cli::RunRecord run = cli::read_run(run_folder);
+    const cli::Evaluation evaluation = cli::evaluate(run);
+    cli::write_evaluation(run, evaluation);
+    cli::write_report(run, evaluation);
+    std::printf("%s\n", cli::headline(run, evaluation.metrics).c_str());
+  });
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error);
+  } catch (const ConfigError& error) {
+    spdlog::error("{}", error.what());
+    return 2;
+  } catch (const std::exception& error) {
+    spdlog::critical("unexpected: {}", error.what());
+    return 3;
+  }
+  return status;
+}

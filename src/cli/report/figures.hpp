@@ -1,0 +1,29 @@
+// The figures of the report, numbered as in the paper (Section V).
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "evaluate/evaluate.hpp"
+
+namespace convoy::cli {
+
+struct Figure {
+  std::string title;
+  std::string body;     ///< XHTML: one or more drawings
+  std::string caption;  ///< plain text
+};
+
+/// Figures 9 to 14 and the consistency over time. A figure whose data are missing says so in its caption.
+std::vector<Figure> make_figures(const RunRecord& run, const Evaluation& evaluation);
+
+/// "front vehicle", "back vehicle" on the street; "robot N" otherwise.
+std::string vehicle_name(const RunRecord& run, VehicleId id);
+
+/// The same within a sentence: "the front vehicle", "robot 3".
+std::string the_vehicle(const RunRecord& run, VehicleId id);
+
+/// The colour of a vehicle in all figures: green for the first, blue for the second (as in the paper), then others.
+std::string vehicle_color(const RunRecord& run, VehicleId id);
+
+}  // namespace convoy::cli

@@ -1,0 +1,227 @@
+#include "report/report.hpp"
+
+#include <cmath>
+
+#include "report/figures.hpp"
+#include "report/svg_plot.hpp"
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli {
+using nlohmann::json;
+namespace {
+
+constexpr const char* style = R"(
+:root { color: #1f2933; background: #ffffff; font-family: system-ui, "DejaVu Sans", Helvetica, Arial, sans-serif; }
+body { max-width: 1100px; margin: 0 auto; padding: 24px 20px 60px; font-size: 15px; line-height: 1.5; }
+h1 { font-size: 26px; margin: 0 0 4px; }
+h2 { font-size: 18px; margin: 36px 0 8px; }
+p.lead { font-size: 17px; margin: 6px 0 14px; }
+p.source { color: #52606d; margin: 0; }
+.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 14px 0; }
+.tile { border: 1px solid #cbd2d9; border-radius: 6px; padding: 8px 14px; min-width: 118px; }
+.tile b { display: block; font-size: 20px; font-variant-numeric: tabular-nums; }
+.tile span { color: #52606d; font-size: 13px; }
+.tile.bad { border-color: #d62728; }
+.tile.bad b { color: #b3191b; }
+figure { margin: 0; }
+figure svg { display: block; width: 100%; height: auto; }
+figcaption { color: #3e4c59; font-size: 14px; margin-top: 4px; }
+.row { display: flex; flex-wrap: wrap; gap: 10px; align-items: flex-start; }
+.two-thirds { width: calc(66.4% - 5px); }
+.half { width: calc(50% - 5px); }
+.third { width: calc(33.3% - 7px); }
+@media screen and (max-width: 700px) { .two-thirds, .half, .third { width: 100%; } }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
+th, td { border-bottom: 1px solid #e4e7eb; padding: 4px 9px; text-align: right; }
+th { color: #52606d; font-weight: 600; vertical-align: bottom; }
+th:first-child, td:first-child { text-align: left; }
+@media print {
+  body { max-width: none; padding: 0; font-size: 11px; }
+  section { break-inside: avoid; }
+  table { font-size: 9px; }
+}
+)";
+
+/// A number with fixed decimals and a unit, or a dash when it is not known.
+std::string show(const json& value, int decimals, const std::string& unit = {}) {
+  if (!value.is_number()) return "\u2013";
+  return fixed(value.get<double>(), decimals) + (unit.empty() ? "" : " " + unit);
+}
+
+std::string show_percent(const json& share) {
+  return share.is_number() ? fixed(100.0 * share.get<double>(), 1) + " %" : "\u2013";
+}
+
+std::string show_yes_no(const json& value) {
+  if (!value.is_boolean()) return "\u2013";
+  return value.get<bool>() ? "yes" : "no";
+}
+
+std::string show_text(const json& value) { return value.is_string() ? value.get<std::string>() : "\u2013"; }
+
+/// The largest of a number over a list; null if nobody has it.
+json worst(const json& list, const char* key) {
+  json result;
+  for (const json& entry : list) {
+    const json value = entry.value(key, json());
+    if (value.is_number() && (result.is_null() || value.get<double>() > result.get<double>())) result = value;
+  }
+  return result;
+}
+
+std::string count_word(std::size_t count) {
+  static const char* const words[] = {"No",  "One",   "Two",   "Three", "Four", "Five",
+                                      "Six", "Seven", "Eight", "Nine",  "Ten"};
+  return count < std::size(words) ? words[count] : std::to_string(count);
+}
+
+std::string tile(const std::string& value, const std::string& what, bool bad = false) {
+  return std::string("<div class=\"tile") + (bad ? " bad" : "") + "\"><b>" + xml_escaped(value) + "</b><span>" +
+         xml_escaped(what) + "</span></div>\n";
+}
+
+std::string tiles(const json& m) {
+  const json& associations = m.at("associations");
+  const auto above_zero = [](const json& value) { return value.is_number() && value.get<double>() > 0.0; };
+  std::string out = "<div class=\"tiles\">\n";
+  out += tile(show(worst(m.at("pairs"), "distance_rmse_m"), 3, "m"), "distance RMSE, worst pair, after association");
+  if (m.at("fleet_ate_m").is_number()) out += tile(show(m.at("fleet_ate_m"), 3, "m"), "fleet ATE");
+  if (m.at("landmark_rmse_m").is_number()) out += tile(show(m.at("landmark_rmse_m"), 3, "m"), "landmark RMSE");
+  out += tile(show_percent(m.at("fleet_coverage95")), "of live poses within 95 % bound");
+  out += tile(show(associations.at("true"), 0) + " / " + show(associations.at("false"), 0), "pairings true / false",
+              above_zero(associations.at("false")));
+  out += tile(show(m.at("facts_lost"), 0), "facts lost", above_zero(m.at("facts_lost")));
+  out += tile(show_yes_no(m.at("map_digests_equal")), "all maps equal", m.at("map_digests_equal") == json(false));
+  out += tile(show(worst(m.at("vehicles"), "bytes_per_s_mean"), 0, "B/s"), "sent, busiest vehicle");
+  out += tile(show(m.at("real_time_factor"), 1, "x"), "real time");
+  return out + "</div>\n";
+}
+
+using Row = std::vector<std::string>;
+
+std::string table(const Row& head, const std::vector<Row>& rows) {
+  std::string out = "<div class=\"scroll\"><table>\n<thead><tr>";
+  for (const std::string& text : head) out += "<th>" + xml_escaped(text) + "</th>";
+  out += "</tr></thead>\n<tbody>\n";
+  for (const Row& row : rows) {
+    out += "<tr>";
+    for (const std::string& text : row) out += "<td>" + xml_escaped(text) + "</td>";
+    out += "</tr>\n";
+  }
+  return out + "</tbody></table></div>\n";
+}
+
+std::string vehicle_table(const RunRecord& run, const json& m) {
+  std::vector<Row> rows;
+  for (const json& v : m.at("vehicles"))
+    rows.push_back({vehicle_name(run, v.at("id")) + (v.at("lost") == json(true) ? " (lost)" : ""),
+                    show(v.at("landmarks_exported"), 0), show(v.at("landmarks_known"), 0),
+                    show(v.at("facts_missing"), 0), show(v.at("ate_m"), 3), show(v.at("pose_anees"), 2),
+                    show_percent(v.at("pose_coverage95")), show(v.at("trajectory_anees"), 2),
+                    show_percent(v.at("trajectory_coverage95")), show(v.at("bytes_per_s_mean"), 0),
+                    show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0), show(v.at("peak_rss_mb"), 0),
+                    show_text(v.at("integrity")), show_text(v.at("map_digest"))});
+  return table({"vehicle", "landmarks exported", "known", "facts missing", "ATE [m]", "live ANEES", "live within 95 %",
+                "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]", "requests", "memory [MB]", "integrity",
+                "map digest"},
+               rows);
+}
+
+std::string pair_table(const RunRecord& run, const json& m) {
+  std::vector<Row> rows;
+  for (const json& p : m.at("pairs"))
+    rows.push_back({vehicle_name(run, p.at("a")) + " \u2013 " + vehicle_name(run, p.at("b")),
+                    show(p.at("first_association_s"), 1), show(p.at("distance_rmse_raw_m"), 2),
+                    show(p.at("distance_rmse_m"), 3), show(p.at("distance_rmse_settled_m"), 3),
+                    show(p.at("distance_error_final_m"), 3)});
+  return table({"pair", "first association [s]", "distance RMSE, SLAM alone [m]", "convoy, after association [m]",
+                "convoy, 10 s later on [m]", "final error [m]"},
+               rows);
+}
+
+std::string fleet_table(const json& m) {
+  const json& a = m.at("associations");
+  const auto number = [&a](const char* key) { return show(a.value(key, json()), 0); };
+  return table(
+      {"fleet", ""},
+      {{"position error of the corrected trajectories (ATE, one rigid alignment)", show(m.at("fleet_ate_m"), 3, "m")},
+       {"landmark error (one rigid alignment)", show(m.at("landmark_rmse_m"), 3, "m")},
+       {"ANEES of the live poses (1 is ideal)", show(m.at("fleet_anees"), 2)},
+       {"live poses within their 95 % bound", show_percent(m.at("fleet_coverage95"))},
+       {"hypotheses accepted / with a false pairing",
+        number("hypotheses_accepted") + " / " + number("hypotheses_false")},
+       {"pairings accepted / true / false", number("accepted") + " / " + number("true") + " / " + number("false")},
+       {"every vehicle in the common frame", show_yes_no(m.at("all_aligned"))},
+       {"same map on every vehicle", show_yes_no(m.at("map_digests_equal"))},
+       {"facts lost", show(m.at("facts_lost"), 0)},
+       {"vehicle time / wall time", show(m.at("vehicle_s"), 1, "s") + " / " + show(m.at("wall_s"), 1, "s")}});
+}
+
+std::string source_line(const RunRecord& run) {
+  std::string text = "Scenario " + run.scenario;
+  if (run.info.contains("source") && run.info.at("source").is_string())
+    text += ", " + run.info.at("source").get<std::string>();
+  if (run.info.contains("seed") && run.info.at("seed").is_number()) text += ", seed " + show(run.info.at("seed"), 0);
+  if (run.info.contains("impair") && run.info.at("impair").is_string() &&
+      !run.info.at("impair").get<std::string>().empty())
+    text += ", impaired exchange: " + run.info.at("impair").get<std::string>();
+  return text + ".";
+}
+
+}  // namespace
+
+std::string headline(const RunRecord& run, const json& m) {
+  std::string text = count_word(run.vehicles.size()) + " vehicles that did not know where the others started ";
+  text += m.at("all_aligned") == json(true) ? "share one map" : "have not all found one common frame";
+  const json distance = worst(m.at("pairs"), "distance_rmse_m");
+  if (distance.is_number()) {
+    text += ": the distance between any two is known to " + show(distance, 2, "m") + " RMSE after their association";
+    const json raw = worst(m.at("pairs"), "distance_rmse_raw_m");
+    if (raw.is_number()) text += " (SLAM alone: " + show(raw, 1, "m") + ")";
+  } else if (m.at("landmark_rmse_m").is_number()) {
+    text += ": its landmarks are " + show(m.at("landmark_rmse_m"), 2, "m") + " RMSE from the truth";
+  }
+  text += ".";
+  const json& false_pairings = m.at("associations").at("false");
+  if (false_pairings.is_number())
+    text += " Of " + show(m.at("associations").at("accepted"), 0) + " landmark pairings " +
+            (false_pairings == json(0) ? "none is"
+                                       : show(false_pairings, 0) + (false_pairings == json(1) ? " is" : " are")) +
+            " false";
+  const json bytes = worst(m.at("vehicles"), "bytes_per_s_mean");
+  if (bytes.is_number())
+    text += std::string(false_pairings.is_number() ? "; " : " ") + "no vehicle sent more than " +
+            show(bytes.get<double>() / 1000.0, 2, "KB/s") + " on average";
+  if (false_pairings.is_number() || bytes.is_number()) text += ".";
+  if (!m.at("lost_vehicles").empty()) {
+    text += " Lost on the way:";
+    for (std::size_t i = 0; i < m.at("lost_vehicles").size(); ++i)
+      text += (i > 0 ? ", " : " ") + vehicle_name(run, m.at("lost_vehicles")[i]);
+    text += ".";
+  }
+  return text;
+}
+
+std::string make_report(const RunRecord& run, const Evaluation& evaluation) {
+  const json& m = evaluation.metrics;
+  std::string page =
+      "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n"
+      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>convoy: " +
+      xml_escaped(run.scenario) + "</title>\n<style>" + style + "</style>\n</head>\n<body>\n";
+  page += "<h1>convoy: one map, several vehicles</h1>\n<p class=\"lead\">" + xml_escaped(headline(run, m)) +
+          "</p>\n<p class=\"source\">" + xml_escaped(source_line(run)) + "</p>\n" + tiles(m);
+  for (const Figure& figure : make_figures(run, evaluation))
+    page += "<section>\n<h2>" + xml_escaped(figure.title) + "</h2>\n<figure>\n" + figure.body + "<figcaption>" +
+            xml_escaped(figure.caption) + "</figcaption>\n</figure>\n</section>\n";
+  page += "<section>\n<h2>Metrics</h2>\n" + fleet_table(m) + "</section>\n<section>\n<h2>Vehicles</h2>\n" +
+          vehicle_table(run, m) + "</section>\n";
+  if (!m.at("pairs").empty()) page += "<section>\n<h2>Pairs</h2>\n" + pair_table(run, m) + "</section>\n";
+  return page + "</body>\n</html>\n";
+}
+
+void write_report(const RunRecord& run, const Evaluation& evaluation) {
+  write_text_file(run.folder / "report.html", make_report(run, evaluation));
+}
+
+}  // namespace convoy::cli

@@ -1,0 +1,20 @@
+// The picture of a run: one self-contained page (XHTML with inline SVG, no scripts) that shows what the paper's
+// figures 9 to 14 show, for this run, and the metrics as tables.
+#pragma once
+
+#include <string>
+
+#include "evaluate/evaluate.hpp"
+
+namespace convoy::cli {
+
+/// The page as text.
+std::string make_report(const RunRecord& run, const Evaluation& evaluation);
+
+/// Writes RUN/report.html. Throws ConfigError.
+void write_report(const RunRecord& run, const Evaluation& evaluation);
+
+/// The result in one or two sentences of plain text, for the head of the page and for a terminal.
+std::string headline(const RunRecord& run, const nlohmann::json& metrics);
+
+}  // namespace convoy::cli

@@ -1,0 +1,281 @@
+#include "vehicle_output.hpp"
+
+#include <convoy/config_error.hpp>
+#include <convoy/geometry/covariance.hpp>
+
+#include <nlohmann/json.hpp>
+
+#include <sys/resource.h>
+
+#include <array>
+#include <cstdio>
+#include <map>
+
+#include "evaluate/run_folder.hpp"
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli {
+namespace {
+
+using nlohmann::json;
+
+void append_pose(std::string& row, const SE2& T) {
+  for (const double x : {T.translation().x(), T.translation().y(), T.theta()}) {
+    row += ',';
+    append_number(row, x);
+  }
+}
+
+void append_covariance(std::string& row, const Eigen::Matrix3d& P) {
+  for (int i = 0; i < 3; ++i)
+    for (int j = i; j < 3; ++j) {
+      row += ',';
+      append_number(row, P(i, j));
+    }
+}
+
+json upper(const Eigen::MatrixXd& P) {
+  json list = json::array();
+  for (Eigen::Index i = 0; i < P.rows(); ++i)
+    for (Eigen::Index j = i; j < P.cols(); ++j) list.push_back(P(i, j));
+  return list;
+}
+
+json pose_of(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
+
+// "t_s,...": the part that live.csv and trajectory.csv share. The SLAM's own covariance is its drift as a right
+// perturbation of its own pose.
+void append_state(std::string& row, const ChainState<SE2>& slam, const std::optional<Estimate<SE2>>& estimate) {
+  append_number(row, slam.abscissa_m);
+  append_pose(row, slam.pose);
+  const SE2::Adjoint Ad = slam.pose.inverse().adjoint();
+  append_covariance(row, symmetrised(SE2::Covariance(Ad * slam.drift * Ad.transpose())));
+  if (estimate) {
+    append_pose(row, estimate->mean);
+    append_covariance(row, estimate->covariance);
+  } else {
+    row += ",,,,,,,,,";
+  }
+}
+
+json map_json(const SubmapManager<SE2>& manager) {
+  const FactStore<SE2>& store = manager.store();
+  const GlobalMap<SE2>& global = manager.map();
+  json out;
+  out["facts_digest"] = hex(store.digest());
+  out["selection_digest"] = hex(global.selection.digest);
+  out["map_digest"] = hex(global.map->digest());
+  const SolveReport& report = global.map->report();
+  out["solve"] = {{"iterations", report.iterations}, {"converged", report.converged}, {"chi2", report.chi2},
+                  {"dof", report.dof}, {"nodes", global.map->problem().nodes.size()},
+                  {"classes", global.selection.classes.size()}};
+  std::map<Key, int> class_of;
+  for (std::size_t c = 0; c < global.selection.classes.size(); ++c)
+    for (const Key& key : global.selection.classes[c]) class_of[key] = static_cast<int>(c);
+  out["chains"] = out["anchors"] = out["landmarks"] = out["associations"] = json::array();
+  for (const auto& [id, chain] : store.chains()) {
+    out["chains"].push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"aligned", global.map->aligned(id)}});
+    for (const auto& [index, anchor] : chain.anchors) {
+      json entry = {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"stamp_s", anchor.state.stamp_s},
+                    {"abscissa_m", anchor.state.abscissa_m}, {"slam", pose_of(anchor.state.pose)},
+                    {"drift", upper(anchor.state.drift)}};
+      if (const auto estimate = global.map->aligned(id) ? global.map->pose(id, anchor.state) : std::nullopt) {
+        entry["pose"] = pose_of(estimate->mean);
+        entry["cov"] = upper(estimate->covariance);
+      } else {
+        entry["pose"] = entry["cov"] = nullptr;
+      }
+      out["anchors"].push_back(entry);
+    }
+    for (const auto& [index, landmark] : chain.landmarks) {
+      const auto known = class_of.find(landmark.key);
+      json entry = {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"anchor", landmark.anchor},
+                    {"class", known == class_of.end() ? -1 : known->second}};
+      if (const auto estimate = global.map->aligned(id) ? global.map->landmark(store, landmark) : std::nullopt) {
+        entry["x"] = estimate->mean.x();
+        entry["y"] = estimate->mean.y();
+        entry["cov"] = upper(estimate->covariance);
+      } else {
+        entry["x"] = entry["y"] = entry["cov"] = nullptr;
+      }
+      out["landmarks"].push_back(entry);
+    }
+  }
+  for (const Hypothesis<SE2>& h : global.selection.hypotheses) {
+    json pairings = json::array();
+    double stamp_s = 0.0;
+    for (const auto& [a, b] : h.pairings) {
+      pairings.push_back({a.chain.vehicle, a.chain.epoch, a.index, b.chain.vehicle, b.chain.epoch, b.index});
+      for (const Key& key : {a, b})  // it became known when the later of its batches closed
+        if (const LandmarkFact<SE2>* landmark = store.landmark(key))
+          if (const AnchorFact<SE2>* anchor = store.anchor(landmark->anchor_key()))
+            stamp_s = std::max(stamp_s, anchor->state.stamp_s);
+    }
+    out["associations"].push_back({{"id", hex(h.id)}, {"author", h.author.vehicle}, {"t_s", stamp_s},
+                                   {"accepted", h.state == HypothesisState::accepted}, {"reason", to_string(h.state)},
+                                   {"pairings", pairings}});
+  }
+  return out;
+}
+
+std::string facts_lines(const FactStore<SE2>& store) {
+  std::string text;
+  const auto line = [&](const char* kind, const Key& key, json fact) {
+    fact["kind"] = kind;
+    fact["key"] = {key.chain.vehicle, key.chain.epoch, key.index};
+    text += fact.dump() + "\n";
+  };
+  const auto key_of = [](const Key& key) { return json{key.chain.vehicle, key.chain.epoch, key.index}; };
+  for (const auto& [id, chain] : store.chains()) {
+    for (const auto& [i, f] : chain.priors)
+      line("prior", f.key, {{"known", f.known}, {"mean", pose_of(f.mean)}, {"covariance", upper(f.covariance)}});
+    for (const auto& [i, f] : chain.anchors)
+      line("anchor", f.key, {{"stamp_s", f.state.stamp_s}, {"abscissa_m", f.state.abscissa_m}, {"slam", pose_of(f.state.pose)},
+                             {"drift", upper(f.state.drift)}, {"first_landmark", f.first_landmark},
+                             {"landmark_count", f.landmark_count}});
+    for (const auto& [i, f] : chain.landmarks)
+      line("landmark", f.key, {{"anchor", f.anchor}, {"position", {f.position.x(), f.position.y()}},
+                               {"covariance", upper(f.covariance)}});
+    for (const auto& [i, f] : chain.associations) {
+      json pairings = json::array();
+      for (const auto& [a, b] : f.pairings) pairings.push_back({key_of(a), key_of(b)});
+      line("association", f.key, {{"hypothesis", hex(hypothesis_id(f.pairings))}, {"pairings", pairings}});
+    }
+    for (const auto& [i, f] : chain.verdicts)
+      line("verdict", f.key, {{"hypothesis", hex(f.hypothesis)}, {"veto", f.veto}});
+  }
+  return text;
+}
+
+json reason_names(std::uint32_t reasons) {
+  json names = json::array();
+  const std::array<std::pair<std::uint32_t, const char*>, 5> table{{{reason_innovation, "innovation"},
+                                                                    {reason_disagreement, "disagreement"},
+                                                                    {reason_stale_peer, "stale_peer"},
+                                                                    {reason_equivocation, "equivocation"},
+                                                                    {reason_missing_facts, "missing_facts"}}};
+  for (const auto& [bit, name] : table)
+    if (reasons & bit) names.push_back(name);
+  return names;
+}
+
+json counters_json(const VehicleSnapshot<SE2>& s) {
+  json c;
+  c["facts_published"] = s.submaps.facts_published;
+  c["facts_received"] = s.submaps.facts_received;
+  c["facts_impersonated"] = s.submaps.facts_impersonated;
+  c["sends_rejected"] = s.submaps.sends_rejected;
+  c["disagreements"] = s.submaps.disagreements;
+  c["maps_built"] = s.submaps.maps_built;
+  for (int i = 0; i < insertion_count; ++i)
+    c["insertions"][to_string(static_cast<Insertion>(i))] = s.insertions[static_cast<std::size_t>(i)];
+  c["requests_heard"] = s.repair.requests_heard;
+  c["facts_served"] = s.repair.facts_served;
+  c["facts_relayed"] = s.repair.facts_relayed;
+  c["answers_suppressed"] = s.repair.answers_suppressed;
+  c["searches"] = s.association.searches;
+  c["associations_accepted"] = s.association.accepted;
+  for (int i = 1; i < rejection_count; ++i)
+    c["associations_rejected"][to_string(static_cast<Rejection>(i))] = s.association.rejected[static_cast<std::size_t>(i)];
+  c["messages_taken"] = s.exchange.messages_taken;
+  c["undecodable"] = s.exchange.undecodable;
+  c["hostile"] = s.exchange.hostile;
+  c["dropped"] = s.exchange.dropped;
+  return c;
+}
+
+double peak_rss_mb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024.0;
+}
+
+}  // namespace
+
+std::string hex(Hash hash) {
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  return text;
+}
+
+VehicleOutput::VehicleOutput(const std::filesystem::path& folder) : folder_(folder) {
+  std::error_code error;
+  std::filesystem::create_directories(folder, error);
+  live_ = appending("live.csv", live_header);
+  traffic_ = appending("traffic.csv", traffic_header);
+  labels_ = appending("labels.csv", labels_header);
+}
+
+std::ofstream VehicleOutput::appending(const std::string& name, std::string_view header) {
+  const std::filesystem::path file = folder_ / name;
+  const bool fresh = !std::filesystem::exists(file) || std::filesystem::file_size(file) == 0;
+  std::ofstream out(file, std::ios::app);
+  if (fresh) out << header << '\n' << std::flush;
+  if (!out) throw ConfigError(file.string() + ": cannot write; is the output folder writable?");
+  return out;
+}
+
+void VehicleOutput::write_label(Epoch epoch, std::uint32_t index, std::uint64_t track) {
+  std::string row;
+  append_csv_row(row, index, epoch, track);
+  labels_ << row << std::flush;
+}
+
+void VehicleOutput::write_live(double t_s, const VehicleSnapshot<SE2>& snapshot, const SubmapManager<SE2>& manager) {
+  std::string rows;
+  for (const VehicleState<SE2>& v : snapshot.vehicles) {
+    // Of a vehicle that was restarted only its latest epoch is where it is now.
+    const auto next = manager.store().chains().upper_bound(v.chain);
+    if (next != manager.store().chains().end() && next->first.vehicle == v.chain.vehicle) continue;
+    append_number(rows, v.slam.stamp_s);
+    rows += ',';
+    append_number(rows, std::uint64_t{v.chain.vehicle});
+    rows += ',';
+    append_state(rows, v.slam, v.estimate);
+    rows += std::string(",") + to_string(v.integrity) + ",";
+    append_number(rows, std::uint64_t{v.reasons});
+    rows += '\n';
+  }
+  live_ << rows << std::flush;
+  std::string traffic;
+  append_csv_row(traffic, t_s, snapshot.exchange.bytes_sent, snapshot.exchange.messages_sent);
+  traffic_ << traffic << std::flush;
+}
+
+void VehicleOutput::write_end(double t_s, const VehicleSnapshot<SE2>& snapshot, SubmapManager<SE2>& manager,
+                              const FrontEndComponent<SE2>& front_end) {
+  const bool aligned = manager.map().map->aligned(manager.self());
+  std::string rows(trajectory_header);
+  rows += '\n';
+  for (const ChainState<SE2>& state : front_end.trail()) {
+    append_number(rows, state.stamp_s);
+    rows += ',';
+    append_state(rows, state, aligned ? manager.map().map->pose(manager.self(), state) : std::nullopt);
+    rows += '\n';
+  }
+  write_text_file(folder_ / "trajectory.csv", rows);
+  write_text_file(folder_ / "map.json", map_json(manager).dump(1) + "\n");
+  write_text_file(folder_ / "facts.jsonl", facts_lines(manager.store()));
+
+  json summary;
+  summary["vehicle"] = snapshot.self.vehicle;
+  summary["epoch"] = snapshot.self.epoch;
+  summary["landmarks_exported"] = snapshot.landmarks_exported;
+  summary["landmarks_known"] = snapshot.landmarks_known;
+  summary["facts_missing"] = snapshot.facts_missing;
+  summary["bytes_sent"] = snapshot.exchange.bytes_sent;
+  summary["requests_sent"] = snapshot.repair.requests_sent;
+  for (const VehicleState<SE2>& v : snapshot.vehicles)
+    if (v.chain == snapshot.self) {
+      summary["integrity"] = to_string(v.integrity);
+      summary["reasons"] = reason_names(v.reasons);
+    }
+  summary["map_digest"] = hex(manager.map().map->digest());
+  summary["facts_digest"] = hex(snapshot.facts_digest);
+  summary["vehicle_s"] = t_s;
+  summary["peak_rss_mb"] = peak_rss_mb();
+  summary["counters"] = counters_json(snapshot);
+  write_text_file(folder_ / "summary.json", summary.dump(1) + "\n");
+}
+
+}  // namespace convoy::cli

@@ -1,0 +1,122 @@
+#include "vehicle_process.hpp"
+
+#include <nlohmann/json.hpp>
+#include <spdlog/spdlog.h>
+
+#include <atomic>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <thread>
+
+#include "scenario/scenario.hpp"
+#include "vehicle_output.hpp"
+
+namespace convoy::cli {
+namespace {
+
+volatile std::sig_atomic_t stop_requested = 0;
+
+double unix_now_s() {
+  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+// Replays a sensor log on the clock.
+class LogReplay {
+ public:
+  LogReplay(const std::vector<SensorEvent>& events, double from_s) : events_(events) {
+    while (next_ < events_.size() && events_[next_].t_s < from_s) ++next_;  // a late starter missed these
+    if (next_ > 0) spdlog::info("starting {:.1f} s into the sensor log: {} readings are past", from_s, next_);
+  }
+  bool exhausted() const { return next_ == events_.size(); }
+
+  void feed_until(double t_s, Vehicle<SE2>& vehicle, RangeBearingEkf& slam) {
+    for (; next_ < events_.size() && events_[next_].t_s <= t_s; ++next_) {
+      const SensorEvent& e = events_[next_];
+      vehicle.feed([&] {
+        if (e.kind == SensorEvent::Kind::odometry) slam.on_odometry(e.t_s, e.v_m_s, e.omega_rad_s);
+        else slam.on_sighting(e.t_s, e.track, e.range_m, e.bearing_rad);
+      });
+    }
+    if (exhausted() && !finished_) {
+      finished_ = true;
+      vehicle.feed([&] { slam.finish(); });
+    }
+  }
+
+ private:
+  const std::vector<SensorEvent>& events_;
+  std::size_t next_ = 0;
+  bool finished_ = false;
+};
+
+void print_status(double t_s, bool exhausted, const VehicleSnapshot<SE2>& s) {
+  nlohmann::json line;
+  line["t_s"] = t_s;
+  line["exhausted"] = exhausted;
+  line["settled"] = s.settled;
+  line["facts"] = hex(s.facts_digest);
+  line["map"] = hex(s.map_digest);
+  line["exported"] = s.landmarks_exported;
+  line["known"] = s.landmarks_known;
+  line["missing"] = s.facts_missing;
+  line["associations"] = s.association.accepted;
+  line["bytes"] = s.exchange.bytes_sent;
+  for (const VehicleState<SE2>& v : s.vehicles)
+    if (v.chain == s.self) line["integrity"] = to_string(v.integrity);
+  std::printf("%s\n", line.dump().c_str());
+  std::fflush(stdout);
+}
+
+}  // namespace
+
+int run_vehicle(const VehicleConfig& config, bool until_end, double status_period_s) {
+  std::signal(SIGTERM, [](int) { stop_requested = 1; });
+  std::signal(SIGINT, [](int) { stop_requested = 1; });
+  std::signal(SIGPIPE, SIG_IGN);
+
+  const std::vector<SensorEvent> events = read_sensors(config.sensors.file);
+  VehicleOutput output(config.output_folder);
+  RangeBearingEkf slam(config.front_end);
+  const double start_s = config.sensors.start_unix_s > 0.0 ? config.sensors.start_unix_s : unix_now_s();
+  const auto clock = [&] { return (unix_now_s() - start_s) * config.sensors.rate; };
+  Vehicle<SE2> vehicle(config.vehicle, slam, [&] { return open_exchange(config); }, clock);
+  Epoch epoch = 0;
+  vehicle.on_export([&](std::uint32_t index, std::uint64_t track) { output.write_label(epoch, index, track); });
+  vehicle.configure();
+  epoch = vehicle.snapshot().self.epoch;
+  spdlog::info("vehicle {} epoch {} on domain {}, {} sensor readings from {}", config.vehicle.id, epoch,
+               config.dds.domain, events.size(), config.sensors.file.string());
+  vehicle.activate();
+
+  LogReplay replay(events, clock());
+  double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
+  while (!stop_requested && !(until_end && replay.exhausted() && vehicle.snapshot().settled)) {
+    const double now_s = clock();
+    replay.feed_until(now_s, vehicle, slam);
+    if (now_s >= next_row_s && !replay.exhausted()) {
+      const auto snapshot = vehicle.snapshot();
+      vehicle.inspect([&](auto& manager, auto&) { output.write_live(now_s, snapshot, manager); });
+      next_row_s += 1.0 * std::max(1.0, std::ceil(now_s - next_row_s));
+    }
+    if (const double wall_s = unix_now_s(); wall_s >= next_status_s) {
+      print_status(now_s, replay.exhausted(), vehicle.snapshot());
+      next_status_s = wall_s + status_period_s;
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+
+  vehicle.deactivate();
+  const double end_s = clock();
+  vehicle.inspect([&](SubmapManager<SE2>& manager, auto&) { manager.rebuild(end_s, true); });
+  const auto snapshot = vehicle.snapshot();
+  vehicle.inspect([&](SubmapManager<SE2>& manager, FrontEndComponent<SE2>& front_end) {
+    output.write_end(end_s, snapshot, manager, front_end);
+  });
+  print_status(end_s, replay.exhausted(), snapshot);
+  vehicle.shutdown();
+  spdlog::info("stopped; map {} with {} landmarks known", hex(snapshot.map_digest), snapshot.landmarks_known);
+  return 0;
+}
+
+}  // namespace convoy::cli
