@@ -90,6 +90,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("map", "min_pairings", s.selection.min_pairings);
   visit("map", "residual", s.selection.residual);
   visit("map", "map_residual", s.selection.map_residual);
+  visit("map", "reference_vehicle", s.selection.reference);
   visit("map", "stale_peer_s", s.stale_peer_s);
 
   visit("repair", "digest_period_s", s.repair.digest_period_s);

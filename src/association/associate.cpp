@@ -113,20 +113,44 @@ class Associator {
     return alignment && keep(*alignment, pairings);
   }
 
-  // Leaves out pairings whose landmarks could as well be paired otherwise: two things side by side.
+  // Leaves out pairings that could as well be others, where things stand side by side.
   std::vector<IndexPairing> without_doubtful(const Alignment<G>& alignment,
                                              const std::vector<IndexPairing>& pairings) const {
-    const double near = chi2_quantile(params_.separation, G::Dim);
-    const auto alone = [&](const IndexPairing& p) {
-      for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
-        if (i != p.first && residual_chi2(alignment, in_a(i), in_b(p.second)) < near) return false;
-      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
-        if (j != p.second && residual_chi2(alignment, in_a(p.first), in_b(j)) < near) return false;
-      return true;
-    };
     std::vector<IndexPairing> kept;
-    std::copy_if(pairings.begin(), pairings.end(), std::back_inserter(kept), alone);
+    for (const IndexPairing& p : pairings)
+      if (!doubtful(alignment, pairings, p)) kept.push_back(p);
     return kept;
+  }
+
+  // A neighbourhood may be shifted as a whole, so alternatives are looked for with what lies farther away. If one is not
+  // paired otherwise, nothing tells it from p; if it is, exchanging the two must be much worse than leaving them.
+  bool doubtful(const Alignment<G>& alignment, const std::vector<IndexPairing>& pairings, const IndexPairing& p) const {
+    std::vector<IndexPairing> far;
+    for (const IndexPairing& q : pairings)
+      if (!near(in_a(p.first), in_a(q.first))) far.push_back(q);
+    const auto outside = align(a_, b_, far);
+    if (!outside) return true;
+    const double margin = chi2_quantile(params_.separation, G::Dim);
+    const auto confusable = [&](int i, int j) { return residual_chi2(*outside, in_a(i), in_b(j)) < gate_chi2_; };
+    const auto fit = [&](int i, int j) { return residual_chi2(alignment, in_a(i), in_b(j)); };
+    std::vector<bool> paired_a(a_.landmarks.size(), false), paired_b(b_.landmarks.size(), false);
+    for (const auto& [i, j] : pairings) paired_a[static_cast<std::size_t>(i)] = paired_b[static_cast<std::size_t>(j)] = true;
+    for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
+      if (!paired_a[static_cast<std::size_t>(i)] && confusable(i, p.second)) return true;
+    for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
+      if (!paired_b[static_cast<std::size_t>(j)] && confusable(p.first, j)) return true;
+    for (const IndexPairing& q : pairings) {
+      if (q == p || !(confusable(p.first, q.second) || confusable(q.first, p.second))) continue;
+      const double exchanged = fit(p.first, q.second) + fit(q.first, p.second);
+      if (exchanged < fit(p.first, p.second) + fit(q.first, q.second) + margin) return true;
+    }
+    return false;
+  }
+
+  // Too close for their own covariances to tell them apart.
+  bool near(const LandmarkFact<G>& l, const LandmarkFact<G>& m) const {
+    return squared_mahalanobis(typename G::Point(l.position - m.position),
+                               typename G::PointCovariance(l.covariance + m.covariance)) < gate_chi2_;
   }
 
   bool keep(const Alignment<G>& alignment, const std::vector<IndexPairing>& pairings) {
@@ -188,9 +212,9 @@ class Associator {
 
   // Support of the best alignment made of pairings that disagree with ours.
   int runner_up(const CompatibilityGraph& graph) const {
-    const double near = chi2_quantile(params_.separation, G::Dim);
+    const double apart = chi2_quantile(0.9999, G::Dim);
     const CompatibilityGraph rest = graph.without([&](const IndexPairing& p) {
-      return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < near;
+      return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < apart;
     });
     const SearchResult second = gcbb(rest, params_.max_nodes);
     if (second.cut_off) return result_.support;  // not known: nothing may be assumed

@@ -136,6 +136,7 @@ class Demo {
       c.vehicle.step_period_s = std::clamp(0.1 / options_.rate, 0.005, 0.05);
       c.vehicle.live_period_s = 1.0;
       c.vehicle.drift.landmark_inflation = 1.0;
+      c.vehicle.submaps.selection.reference = scenario_.common_frame_vehicle;
       if (log.prior) {
         const SE2::Tangent sigma(log.prior->sigma_x_m, log.prior->sigma_y_m, log.prior->sigma_theta_rad);
         c.vehicle.static_bias = Estimate<SE2>{log.prior->mean, sigma.cwiseAbs2().asDiagonal()};

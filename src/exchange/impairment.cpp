@@ -2,6 +2,8 @@
 #include <convoy/exchange/impairment.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <cstdlib>
 #include <string>
 
@@ -10,7 +12,7 @@ namespace convoy {
 Impairment Impairment::parse(std::string_view text) {
   Impairment result;
   const std::string all(text);
-  for (std::size_t at = 0; at < all.size();) {
+  for (std::size_t at = 0; !all.empty() && at <= all.size();) {
     const std::size_t end = std::min(all.find(',', at), all.size());
     const std::string entry = all.substr(at, end - at);
     at = end + 1;
@@ -25,7 +27,7 @@ Impairment Impairment::parse(std::string_view text) {
     else if (name == "duplicate" && share) result.duplicate = value;
     else if (name == "delay" && number) result.delay_s = value;
     else if (name == "jitter" && number) result.jitter_s = value;
-    else if (name == "seed" && number) result.seed = static_cast<std::uint64_t>(value);
+    else if (name == "seed" && number && value == std::floor(value) && value < 0x1p53) result.seed = static_cast<std::uint64_t>(value);
     else
       throw ConfigError("impairment '" + all + "': cannot use '" + entry +
                         "'; write loss=0..1,duplicate=0..1,delay=SECONDS,jitter=SECONDS,seed=N");

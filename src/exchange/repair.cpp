@@ -74,10 +74,11 @@ void RepairProtocol<G>::request_missing(const FactStore<G>& store, double now_s,
       }
       auto [it, fresh] = wanted_.try_emplace({id, kind});
       Wanted& wanted = it->second;
-      if (fresh || wanted.held != mark.count) {  // new gap, or facts are flowing: give them time
-        wanted = {now_s + params_.grace_s * (1.0 + uniform()), params_.backoff_min_s, mark.count};
-        if (!fresh) wanted.next_s = now_s + params_.backoff_min_s * (0.5 + 0.5 * uniform());
-      }
+      const std::uint32_t lacking = mark.high_water - mark.count;
+      if (fresh) wanted = {now_s + params_.grace_s * (1.0 + uniform()), params_.backoff_min_s, lacking};
+      else if (lacking < wanted.lacking)  // answers are flowing: give them time
+        wanted = {now_s + params_.backoff_min_s * (0.5 + 0.5 * uniform()), params_.backoff_min_s, lacking};
+      wanted.lacking = lacking;
       if (now_s < wanted.next_s) continue;
       out.push_back(Request{id, kind, store.missing(id, kind, params_.max_ranges)});
       ++counters_.requests_sent;

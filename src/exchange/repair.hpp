@@ -5,11 +5,10 @@
 
 #include <convoy/exchange/message.hpp>
 
-#include <deque>
 #include <map>
 #include <random>
-#include <set>
-#include <tuple>
+#include <utility>
+#include <vector>
 
 namespace convoy {
 
@@ -52,7 +51,7 @@ class RepairProtocol {
   struct Wanted {
     double next_s = 0.0;
     double backoff_s = 0.0;
-    std::uint32_t held = 0;  // progress resets the backoff
+    std::uint32_t lacking = 0;  // progress on the gap resets the backoff
   };
   using SequenceId = std::pair<ChainId, FactKind>;
   double uniform();

@@ -81,12 +81,12 @@ class SE2 {
     const double w = d[2];
     const auto [a, b] = arc_coefficients(w);
     double p, q;  // p = (w - sin w) / w^2, q = (1 - cos w) / w^2
-    if (std::abs(w) < 1e-5) {
-      p = w / 6.0;
-      q = 0.5;
+    if (std::abs(w) < 1e-3) {
+      p = w / 6.0 - w * w * w / 120.0;
+      q = 0.5 - w * w / 24.0;
     } else {
       p = (w - std::sin(w)) / (w * w);
-      q = (1.0 - std::cos(w)) / (w * w);
+      q = b / w;
     }
     Eigen::Matrix3d J;
     J << a, b, p * d[0] - q * d[1], -b, a, q * d[0] + p * d[1], 0, 0, 1;
@@ -100,7 +100,8 @@ class SE2 {
   /// sin(w)/w and (1 - cos w)/w, by series near zero.
   static ArcCoefficients arc_coefficients(double w) {
     if (std::abs(w) < 1e-5) return {1.0 - w * w / 6.0, 0.5 * w - w * w * w / 24.0};
-    return {std::sin(w) / w, (1.0 - std::cos(w)) / w};
+    const double half = std::sin(0.5 * w);  // 1 - cos w without cancellation
+    return {std::sin(w) / w, 2.0 * half * half / w};
   }
 
   Point t_ = Point::Zero();

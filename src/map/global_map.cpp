@@ -29,7 +29,7 @@ GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& 
     GlobalMap<G> result;
     result.facts = store.digest();
     result.selection = select(store, params, excluded);
-    result.map = backend.solve(build_problem(store, result.selection));
+    result.map = backend.solve(build_problem(store, result.selection, params.reference));
     const Hypothesis<G>* worst = nullptr;
     double worst_contradiction = limit;
     for (const Hypothesis<G>& h : result.selection.hypotheses) {

@@ -3,6 +3,7 @@
 #include <convoy/map/problem.hpp>
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <optional>
 #include <set>
@@ -21,7 +22,8 @@ typename G::Covariance floored(typename G::Covariance P) {
 template <class G>
 class ProblemBuilder {
  public:
-  ProblemBuilder(const FactStore<G>& store, const Selection<G>& selection) : store_(store), selection_(selection) {}
+  ProblemBuilder(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference)
+      : store_(store), selection_(selection), reference_(reference) {}
 
   Problem<G> build() {
     add_nodes();
@@ -78,9 +80,11 @@ class ProblemBuilder {
     }
   }
 
-  // The chain a group is placed from: the one whose static bias is known best, else the smallest.
+  // The chain a group is placed from: the one whose static bias is known best, else the reference, else the smallest.
   int root_of(const std::vector<int>& members) const {
     int best = members.front();
+    for (const int chain : members)
+      if (chain_id(chain).vehicle == reference_ && chain_id(best).vehicle != reference_) best = chain;
     const auto trace = [&](int chain) {
       const PriorFact<G>* prior = known_prior(chain);
       return prior != nullptr ? prior->covariance.trace() : std::numeric_limits<double>::infinity();
@@ -95,9 +99,13 @@ class ProblemBuilder {
     for (int chain = 0; chain < static_cast<int>(parent_.size()); ++chain) groups[group(chain)].push_back(chain);
     int common = -1;
     bool any_prior = false;
+    const auto size = [&](int root) { return groups.at(root).size(); };
     for (const auto& [root, members] : groups) {
+      const bool refers = reference_ == 0 || std::any_of(members.begin(), members.end(), [&](int chain) {
+                            return chain_id(chain).vehicle == reference_;
+                          });
+      if (refers && (common < 0 || size(root) > size(common))) common = root;
       for (const int chain : members) any_prior = any_prior || known_prior(chain) != nullptr;
-      if (common < 0 || members.size() > groups.at(common).size()) common = root;
     }
     for (const auto& [root, members] : groups) {
       const int first = root_of(members);
@@ -168,6 +176,7 @@ class ProblemBuilder {
 
   const FactStore<G>& store_;
   const Selection<G>& selection_;
+  VehicleId reference_;
   Problem<G> problem_;
   std::map<Key, int> node_of_;
   std::map<ChainId, int> chain_of_;
@@ -179,11 +188,11 @@ class ProblemBuilder {
 }  // namespace
 
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection) {
-  return ProblemBuilder<G>(store, selection).build();
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference) {
+  return ProblemBuilder<G>(store, selection, reference).build();
 }
 
-#define CONVOY_INSTANTIATE(G) template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&);
+#define CONVOY_INSTANTIATE(G) template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, VehicleId);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

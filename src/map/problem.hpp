@@ -57,9 +57,10 @@ struct Problem {
   std::vector<LandmarkFactor<G>> landmarks;
 };
 
-/// The common frame: the one of the static biases if any is known; else the start of the smallest chain in the largest
-/// group of chains that accepted hypotheses connect. Chains outside keep a frame of their own and are not aligned.
+/// The common frame is the one of the static biases, if any is known. Else it is the start of `reference` (its first epoch
+/// that is connected to another chain; 0: the smallest chain in the largest group of chains that accepted hypotheses
+/// connect). Chains that nothing connects to it keep a frame of their own and are not aligned.
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection);
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference = 0);
 
 }  // namespace convoy

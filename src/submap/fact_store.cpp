@@ -101,7 +101,7 @@ Insertion FactStore<G>::insert(const AnchorFact<G>& f) {
   const bool at_origin = s.abscissa_m == 0.0 && s.drift.isZero(0.0) && s.pose.Log().isZero(0.0);
   if (ok == Insertion::inserted && f.key.index == 0 && !at_origin) ok = Insertion::malformed;
   const std::uint64_t end_landmark = std::uint64_t{f.first_landmark} + f.landmark_count;
-  if (ok == Insertion::inserted && end_landmark > limits_.max_index) ok = Insertion::out_of_range;
+  if (ok == Insertion::inserted && end_landmark > std::uint64_t{limits_.max_index} + 1) ok = Insertion::out_of_range;
   const Insertion result = keep(&Chain::anchors, FactKind::anchor, f, ok);
   // An anchor proves that its landmarks exist, so that lost ones are asked for.
   if (result == Insertion::inserted && f.landmark_count > 0)

@@ -20,7 +20,7 @@ enum class Insertion : std::uint8_t {
   not_finite,      ///< a NaN or an infinity
   not_covariance,  ///< a covariance that is not symmetric positive semidefinite
   out_of_range,    ///< a position, abscissa, index or size beyond the plausible limits
-  malformed,       ///< empty or unordered pairings, pairings within one batch, a first anchor that is not the origin
+  malformed,       ///< empty or unordered pairings, a first anchor that is not the origin, vehicle 0
 };
 inline constexpr int insertion_count = 8;
 const char* to_string(Insertion result);
@@ -97,8 +97,8 @@ class FactStore {
   /// Every (chain, kind) with at least one fact held or announced, in canonical order.
   std::vector<ChainMark> marks() const;
 
-  /// Equal for equal sets of facts, whatever the order of arrival. Associations and verdicts count by content,
-  /// not by the key under which some author stated them.
+  /// Equal for equal sets of facts, whatever the order of arrival. Associations count by their pairings, not by the key
+  /// under which some author stated them.
   Hash digest() const { return digest_; }
 
   /// Raised by every insertion: "has anything changed since?"

@@ -93,7 +93,7 @@ struct PriorFact {
   typename G::Covariance covariance = G::Covariance::Zero(); ///< of a right perturbation
 };
 
-/// "These landmarks are the same": which, never how well (DESIGN R2). Between exactly two batches.
+/// "These landmarks are the same": which, never how well (DESIGN R2). Selection demands pairs between two batches.
 using Pairing = std::pair<Key, Key>;  ///< canonical: first < second
 struct AssociationFact {
   Key key;                      ///< of the author; two authors may state the same hypothesis
