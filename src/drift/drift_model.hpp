@@ -20,7 +20,7 @@ enum class DriftModel : std::uint8_t {
 template <class G>
 struct DriftParams {
   DriftModel model = DriftModel::local;
-  /// Factor on the covariance the SLAM itself states for its motion, > 0. 1 errs on the safe side (DESIGN B3.1).
+  /// Factor on the covariance the SLAM itself states for its motion, > 0. 1 errs on the safe side (DESIGN B1).
   double gamma = 1.0;
   /// Variance per metre travelled of the drift the SLAM knows nothing of, order (rho, theta): m^2/m and rad^2/m, >= 0.
   /// With DriftModel::literal this is the diagonal of P_eps.

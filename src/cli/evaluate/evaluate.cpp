@@ -401,7 +401,7 @@ Evaluation evaluate(const RunRecord& run) {
 
   json vehicles = json::array();
   std::map<std::string, Consistency> fleet_live;
-  Consistency fleet_chosen;
+  Consistency fleet_chosen, fleet_corrected;
   for (const VehicleRecord& vehicle : run.vehicles) {
     const auto ate = fleet.ate_m.find(vehicle.id);
     const auto mount = mounts.find(vehicle.id);
@@ -432,6 +432,7 @@ Evaluation evaluate(const RunRecord& run) {
       fleet_live[gauge.name].add(in_gauge);
     }
     fleet_chosen.add(live);
+    fleet_corrected.add(corrected);
     result.live_nees[vehicle.id] = live.series;
     vehicles.push_back(std::move(entry));
   }
@@ -454,6 +455,8 @@ Evaluation evaluate(const RunRecord& run) {
              {"fleet_ate_m", fleet.fit ? json(fleet.fit->rmse_m) : json()},
              {"fleet_anees", fleet_chosen.anees()},
              {"fleet_coverage95", fleet_chosen.coverage95()},
+             {"fleet_trajectory_anees", fleet_corrected.anees()},
+             {"fleet_trajectory_coverage95", fleet_corrected.coverage95()},
              {"landmark_rmse_m", landmark_fit ? json(landmark_fit->rmse_m) : json()},
              {"map_digests_equal", map_digests_equal(run)},
              {"facts_lost", facts_lost(run)},

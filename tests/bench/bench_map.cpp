@@ -1,0 +1,91 @@
+// The sparse map against the paper's filter, on the same problem: two vehicles on laps beside each other, two landmarks
+// per bias, each seen by both. The filter has all covariances when it is done; the sparse map solves for what is asked.
+#include <convoy/geometry/groups.hpp>
+#include <convoy/map/ekf_map.hpp>
+#include <convoy/map/sparse_map.hpp>
+
+#include <cmath>
+#include <random>
+
+#include "ratio.hpp"
+
+namespace {
+
+using namespace convoy;
+
+class Laps {
+ public:
+  explicit Laps(int biases) : random_(7), per_chain_(biases / 2) {
+    for (const VehicleId v : {1U, 2U}) add_chain(v);
+    for (int k = 0; k < per_chain_; ++k)
+      for (const double ahead_m : {8.0, 12.0}) add_class(k, {ahead_m, 5.0});
+  }
+  const Problem<SE2>& problem() const { return problem_; }
+
+ private:
+  SE2::Tangent drawn(const SE2::Tangent& sigma) {
+    std::normal_distribution<double> unit;
+    SE2::Tangent d;
+    for (int i = 0; i < 3; ++i) d[i] = sigma[i] * unit(random_);
+    return d;
+  }
+
+  void add_chain(VehicleId v) {
+    const SE2::Tangent start_sigma = v == 1 ? SE2::Tangent(0.01, 0.01, 0.001) : SE2::Tangent(1.0, 1.0, 0.05);
+    const SE2::Tangent drift_sigma = (5.0 * SE2::Tangent(4e-4, 4e-4, 4e-6)).cwiseSqrt();  // of 5 m
+    const int first = static_cast<int>(problem_.nodes.size());
+    const ChainId chain{v, 1};
+    SE2 truth(0.0, 4.0 * v, 0.0), slam;
+    const SE2 start = truth * SE2::Exp(drawn(start_sigma));
+    problem_.priors.push_back({first, start, start_sigma.cwiseAbs2().asDiagonal()});
+    for (int k = 0; k < per_chain_; ++k) {
+      if (k > 0) {
+        const SE2 motion(5.0, 0.0, 2.0 * M_PI / 50.0);
+        truth = truth * motion * SE2::Exp(drawn(drift_sigma));
+        slam = slam * motion;
+        problem_.drifts.push_back({first + k - 1, first + k, motion, drift_sigma.cwiseAbs2().asDiagonal()});
+      }
+      ChainState<SE2> state{2.5 * k, 5.0 * k, slam, SE2::Covariance::Zero()};
+      problem_.nodes.push_back({{chain, static_cast<std::uint32_t>(k)}, state, start * slam});
+      truth_.push_back(truth);
+    }
+    problem_.chains.push_back({chain, first, first + per_chain_, true});
+  }
+
+  // A point near the k-th bias of the first chain, seen from there and from the k-th of the other.
+  void add_class(int k, const SE2::Point& p_first) {
+    constexpr double sigma_m = 0.1;
+    const auto index = static_cast<std::uint32_t>(problem_.points.size());
+    const SE2::Point p = truth_[static_cast<std::size_t>(k)] * p_first;
+    std::normal_distribution<double> noise(0.0, sigma_m);
+    for (const int node : {k, per_chain_ + k}) {
+      const SE2::Point error(noise(random_), noise(random_));
+      const SE2::Point l = truth_[static_cast<std::size_t>(node)].inverse() * p + error;
+      const Key key{problem_.nodes[static_cast<std::size_t>(node)].anchor.chain, index};
+      problem_.landmarks.push_back(
+          {node, static_cast<int>(index), key, l, sigma_m * sigma_m * SE2::PointCovariance::Identity()});
+    }
+    const LandmarkFactor<SE2>& seen = *(problem_.landmarks.end() - 2);
+    problem_.points.push_back(problem_.nodes[static_cast<std::size_t>(k)].initial * seen.position);
+  }
+
+  std::mt19937_64 random_;
+  int per_chain_;
+  Problem<SE2> problem_;
+  std::vector<SE2> truth_;
+};
+
+void BM_sparse_map(benchmark::State& state) {
+  const Laps laps(static_cast<int>(state.range(0)));
+  std::unique_ptr<Map<SE2>> sparse;
+  convoy::bench::against(
+      state, "EkfMap::solve", [&] { sparse = SparseMap<SE2>().solve(laps.problem()); },
+      [&] { benchmark::DoNotOptimize(EkfMap<SE2>().solve(laps.problem())); });
+  if (!sparse->report().converged) state.SkipWithError("the sparse map did not converge");
+  state.counters["iterations_to_converge"] = sparse->report().iterations;
+  state.counters["chi2_per_dof"] = sparse->report().chi2 / sparse->report().dof;
+}
+BENCHMARK(BM_sparse_map)->Arg(100)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_sparse_map)->Arg(300)->Arg(1000)->Iterations(1)->Unit(benchmark::kMillisecond);
+
+}  // namespace

@@ -1,0 +1,101 @@
+// Keeping a landmark: insertion with all checks, the content hash that makes up the digest, and the high-water marks.
+// The baseline keeps the same facts in a std::unordered_map, with no check and no digest.
+#include <convoy/geometry/groups.hpp>
+#include <convoy/submap/fact_store.hpp>
+
+#include <unordered_map>
+
+#include "ratio.hpp"
+
+namespace {
+
+using namespace convoy;
+
+constexpr int facts_per_call = 1000;
+constexpr std::uint32_t batch_size = 16;
+
+std::vector<LandmarkFact<SE2>> landmarks() {
+  std::vector<LandmarkFact<SE2>> facts(facts_per_call);
+  for (std::uint32_t i = 0; i < facts_per_call; ++i) {
+    facts[i].key = {{1 + i % 5, 1}, i / 5};
+    facts[i].anchor = 1 + facts[i].key.index / batch_size;
+    facts[i].position = {0.1 * i, 3.0};
+    facts[i].covariance = 0.04 * SE2::PointCovariance::Identity();
+  }
+  return facts;
+}
+
+struct KeyHash {
+  std::size_t operator()(const Key& key) const {
+    return std::hash<std::uint64_t>()((key.chain.epoch << 40) ^ (std::uint64_t{key.chain.vehicle} << 32) ^ key.index);
+  }
+};
+
+void into_unordered_map(const std::vector<LandmarkFact<SE2>>& facts) {
+  std::unordered_map<Key, LandmarkFact<SE2>, KeyHash> kept;
+  for (const auto& fact : facts) kept.emplace(fact.key, fact);
+  benchmark::DoNotOptimize(kept.size());
+}
+
+/// `subject` treats facts_per_call facts, and so does the baseline.
+template <class Subject>
+void against_unordered_map(benchmark::State& state, const std::vector<LandmarkFact<SE2>>& facts,
+                           const Subject& subject) {
+  convoy::bench::against(state, "std::unordered_map insertion of as many facts", subject,
+                         [&] { into_unordered_map(facts); });
+  state.SetItemsProcessed(state.iterations() * facts_per_call);
+}
+
+void BM_insert(benchmark::State& state) {
+  const auto facts = landmarks();
+  std::uint64_t kept = 0;
+  against_unordered_map(state, facts, [&] {
+    FactStore<SE2> store;
+    for (const auto& fact : facts) store.insert(fact);
+    kept = store.size();
+    benchmark::DoNotOptimize(store.digest());
+  });
+  if (kept != facts_per_call) state.SkipWithError("facts were refused");
+}
+BENCHMARK(BM_insert)->Unit(benchmark::kMicrosecond);
+
+/// A fact that is there already: what a duplicate or a relay costs.
+void BM_insert_duplicate(benchmark::State& state) {
+  const auto facts = landmarks();
+  FactStore<SE2> store;
+  for (const auto& fact : facts) store.insert(fact);
+  against_unordered_map(state, facts, [&] {
+    for (const auto& fact : facts) benchmark::DoNotOptimize(store.insert(fact));
+  });
+  if (store.size() != facts_per_call) state.SkipWithError("duplicates were kept");
+}
+BENCHMARK(BM_insert_duplicate)->Unit(benchmark::kMicrosecond);
+
+void BM_digest(benchmark::State& state) {
+  const auto facts = landmarks();
+  against_unordered_map(state, facts, [&] {
+    Hash digest = 0;
+    for (const auto& fact : facts) digest += hash_of(fact);
+    benchmark::DoNotOptimize(digest);
+  });
+}
+BENCHMARK(BM_digest)->Unit(benchmark::kMicrosecond);
+
+/// One call on a store of five chains, against keeping one fact.
+void BM_marks(benchmark::State& state) {
+  const auto facts = landmarks();
+  FactStore<SE2> store;
+  for (const auto& fact : facts) store.insert(fact);
+  std::unordered_map<Key, LandmarkFact<SE2>, KeyHash> kept;
+  convoy::bench::against(
+      state, "std::unordered_map insertion of one fact", [&] { benchmark::DoNotOptimize(store.marks()); },
+      [&] {
+        for (const auto& fact : facts) kept.emplace(fact.key, fact);
+        kept.clear();
+      });
+  state.counters["ratio_to_baseline"] = state.counters["ratio_to_baseline"].value * facts_per_call;
+  state.counters["baseline_s"] = state.counters["baseline_s"].value / facts_per_call;
+}
+BENCHMARK(BM_marks);
+
+}  // namespace

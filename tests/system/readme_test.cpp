@@ -1,0 +1,52 @@
+// Every command that the README shows is run (those that install packages or build everything: their syntax).
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <vector>
+
+#include "command.hpp"
+
+namespace convoy::testing {
+namespace {
+
+std::vector<std::string> shell_lines(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  std::vector<std::string> lines;
+  bool inside = false;
+  for (std::string line; std::getline(in, line);) {
+    if (line.rfind("```", 0) == 0) inside = line == "```sh";
+    else if (inside && !line.empty() && line[0] != '#') lines.push_back(line);
+  }
+  return lines;
+}
+
+TEST(Readme, EveryCommandRuns) {
+  const std::filesystem::path source(CONVOY_SOURCE_FOLDER);
+  const auto lines = shell_lines(source / "README.md");
+  ASSERT_GE(lines.size(), 4U);
+  const ScratchFolder scratch;
+  const auto data = data_folder();
+  int ran = 0;
+  for (std::string line : lines) {
+    line = line.substr(0, line.find("  #"));
+    if (line.rfind("scripts/", 0) == 0) {
+      EXPECT_EQ(run_shell("bash -n " + (source / line.substr(0, line.find(' '))).string()).status, 0) << line;
+      continue;
+    }
+    if (line.rfind("convoy ", 0) != 0) {
+      ADD_FAILURE() << "the README shows a command that no test runs: " << line;
+      continue;
+    }
+    if (const auto at = line.find("MRCLAM_FOLDER"); at != std::string::npos) {
+      if (!data) continue;
+      line.replace(at, 13, (*data / "utias_mrclam/ds6").string());
+    }
+    const Outcome outcome = run_shell("cd " + scratch.path().string() + " && " + CONVOY_PROGRAM + line.substr(6));
+    EXPECT_EQ(outcome.status, 0) << line << "\n" << outcome.output;
+    ++ran;
+  }
+  EXPECT_GE(ran, 2);
+}
+
+}  // namespace
+}  // namespace convoy::testing

@@ -1,0 +1,268 @@
+#include <convoy/components/vehicle.hpp>
+#include <convoy/config_error.hpp>
+#include <convoy/exchange/in_process.hpp>
+#include <convoy/frontend/frozen_landmarks.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <chrono>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+namespace convoy {
+namespace {
+
+namespace fs = std::filesystem;
+using State = Vehicle<SE2>::State;
+
+double clock_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+/// A vehicle alone on its network, with a folder that is removed afterwards.
+class VehicleTest : public ::testing::Test {
+ protected:
+  VehicleTest() {
+    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
+    folder_ =
+        fs::temp_directory_path() / ("convoy_vehicle_" + std::string(test->name()) + "_" + std::to_string(::getpid()));
+    fs::remove_all(folder_);
+    params_.id = 4;
+    params_.state_folder = folder_ / "state";
+    params_.step_period_s = 0.005;
+    params_.submaps.map_period_s = 0.01;
+  }
+  ~VehicleTest() override { fs::remove_all(folder_); }
+
+  Vehicle<SE2>& vehicle() {
+    if (!vehicle_)
+      vehicle_ = std::make_unique<Vehicle<SE2>>(
+          params_, front_end_, [this] { return network_.join(); }, clock_s);
+    return *vehicle_;
+  }
+
+  /// One more segment of three landmarks.
+  void close_segment() {
+    ASSERT_TRUE(vehicle().feed([&] {
+      FrontEndState<SE2> state = front_end_.state();
+      state.stamp_s += 10.0;
+      state.abscissa_m += 25.0;
+      state.pose = state.pose * SE2(25.0, 0.0, 0.1);
+      ASSERT_TRUE(front_end_.advance(state));
+      std::vector<FrozenLandmark<SE2>> landmarks;
+      for (int k = 0; k < 3; ++k)
+        landmarks.push_back(
+            {{1.0 + k, 2.0}, 0.01 * Eigen::Matrix2d::Identity(), SE2::Loading::Zero(), {}, std::uint64_t(k)});
+      front_end_.close(landmarks);
+    }));
+  }
+
+  /// Waits for the thread to get there.
+  bool eventually(const std::function<bool(const VehicleSnapshot<SE2>&)>& condition) {
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (std::chrono::steady_clock::now() < end) {
+      if (condition(vehicle().snapshot())) return true;
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    return false;
+  }
+
+  static std::string text_of(const std::function<void()>& call) {
+    try {
+      call();
+    } catch (const ConfigError& error) {
+      return error.what();
+    }
+    return "no error";
+  }
+
+  fs::path folder_;
+  VehicleParams<SE2> params_;
+  FrozenLandmarks<SE2> front_end_;
+  InProcessNetwork<SE2> network_;
+  std::unique_ptr<Vehicle<SE2>> vehicle_;
+};
+
+TEST_F(VehicleTest, CallsInTheWrongStateThrowAndChangeNothing) {
+  auto& v = vehicle();
+  EXPECT_EQ(v.state(), State::unconfigured);
+  EXPECT_THROW(v.activate(), ConfigError);
+  EXPECT_THROW(v.deactivate(), ConfigError);
+  EXPECT_THROW((void)v.snapshot(), ConfigError);
+  EXPECT_THROW(v.inspect([](auto&, auto&) {}), ConfigError);
+  bool fed = false;
+  EXPECT_FALSE(v.feed([&] { fed = true; }));
+  EXPECT_FALSE(fed);
+  EXPECT_EQ(v.state(), State::unconfigured);
+  EXPECT_FALSE(fs::exists(params_.state_folder / "epoch"));
+
+  v.configure();
+  const auto before = v.snapshot();
+  EXPECT_THROW(v.configure(), ConfigError);
+  EXPECT_THROW(v.deactivate(), ConfigError);
+  EXPECT_EQ(v.state(), State::inactive);
+  EXPECT_EQ(v.snapshot().self, before.self);
+  EXPECT_EQ(v.snapshot().facts_digest, before.facts_digest);
+
+  v.activate();
+  EXPECT_THROW(v.activate(), ConfigError);
+  EXPECT_THROW(v.configure(), ConfigError);
+  EXPECT_EQ(v.state(), State::active);
+  EXPECT_EQ(v.snapshot().self, before.self);
+
+  v.shutdown();
+  EXPECT_EQ(v.state(), State::unconfigured);
+  v.shutdown();  // from any state
+  EXPECT_THROW((void)v.snapshot(), ConfigError);
+}
+
+TEST_F(VehicleTest, DeactivatedItKeepsItsFactsAndSensorInputCounts) {
+  auto& v = vehicle();
+  v.configure();
+  v.activate();
+  close_segment();
+  ASSERT_TRUE(eventually([](const auto& s) { return s.settled && s.landmarks_known == 3; }));
+  v.deactivate();
+  EXPECT_EQ(v.state(), State::inactive);
+  const auto before = v.snapshot();
+  EXPECT_EQ(before.landmarks_exported, 3U);
+  const auto maps = before.submaps.maps_built;
+  close_segment();
+  auto inactive = v.snapshot();
+  EXPECT_EQ(inactive.landmarks_known, 6U);
+  EXPECT_FALSE(inactive.settled);  // nobody builds the map
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  EXPECT_EQ(v.snapshot().submaps.maps_built, maps);
+  v.activate();
+  EXPECT_TRUE(eventually([](const auto& s) { return s.settled; }));
+  const auto after = v.snapshot();
+  EXPECT_EQ(after.self, before.self);
+  EXPECT_EQ(after.facts_digest, inactive.facts_digest);
+  EXPECT_EQ(after.landmarks_known, 6U);
+}
+
+TEST_F(VehicleTest, ShutdownAndConfigureIsANewEpochThatGrows) {
+  std::vector<Epoch> epochs;
+  for (int round = 0; round < 3; ++round) {
+    vehicle().configure();
+    epochs.push_back(vehicle().snapshot().self.epoch);
+    close_segment();
+    const auto s = vehicle().snapshot();
+    EXPECT_EQ(s.landmarks_known, 3U);  // of this epoch: the facts of the last one are gone
+    EXPECT_EQ(s.facts_missing, 0U);
+    vehicle().shutdown();
+  }
+  vehicle_.reset();  // another process
+  vehicle().configure();
+  epochs.push_back(vehicle().snapshot().self.epoch);
+  EXPECT_EQ(epochs, (std::vector<Epoch>{1, 2, 3, 4}));
+  std::ifstream in(params_.state_folder / "epoch");
+  Epoch written = 0;
+  EXPECT_TRUE(in >> written);
+  EXPECT_EQ(written, 4U);
+}
+
+TEST_F(VehicleTest, AnEpochFileThatIsNoNumberIsAClearError) {
+  fs::create_directories(params_.state_folder);
+  const fs::path file = params_.state_folder / "epoch";
+  for (const std::string content : {"", "garbage\n", "\n\n", "x1"}) {
+    std::ofstream(file, std::ios::trunc) << content;
+    const std::string text = text_of([&] { vehicle().configure(); });
+    EXPECT_THAT(text, ::testing::HasSubstr(file.string() + ":1")) << content;
+    EXPECT_EQ(vehicle().state(), State::unconfigured);
+  }
+  std::ofstream(file, std::ios::trunc) << "41\n";
+  vehicle().configure();
+  EXPECT_EQ(vehicle().snapshot().self.epoch, 42U);
+}
+
+TEST_F(VehicleTest, AStateFolderThatCannotBeWrittenIsAClearError) {
+  fs::create_directories(folder_);
+  std::ofstream(params_.state_folder) << "a file where the folder should be";
+  EXPECT_THAT(text_of([&] { vehicle().configure(); }), ::testing::HasSubstr(params_.state_folder.string()));
+  EXPECT_EQ(vehicle().state(), State::unconfigured);
+}
+
+TEST_F(VehicleTest, WithoutAFolderTheEpochComesFromTheClock) {
+  params_.state_folder.clear();
+  vehicle().configure();
+  const Epoch first = vehicle().snapshot().self.epoch;
+  const auto now =
+      std::chrono::duration_cast<std::chrono::seconds>(std::chrono::system_clock::now().time_since_epoch()).count();
+  EXPECT_NEAR(static_cast<double>(first >> 31), static_cast<double>(now), 5.0);
+  vehicle().shutdown();
+  vehicle().configure();
+  EXPECT_NE(vehicle().snapshot().self.epoch, first);
+}
+
+TEST_F(VehicleTest, ANetworkThatDoesNotOpenLeavesItUnconfigured) {
+  bool broken = true;
+  Vehicle<SE2> v(
+      params_, front_end_,
+      [&]() -> std::unique_ptr<SubmapExchange<SE2>> {
+        if (broken) throw ConfigError("no such profile");
+        return network_.join();
+      },
+      clock_s);
+  EXPECT_THROW(v.configure(), ConfigError);
+  EXPECT_EQ(v.state(), State::unconfigured);
+  EXPECT_FALSE(v.feed([] {}));
+  broken = false;
+  v.configure();
+  EXPECT_EQ(v.state(), State::inactive);
+}
+
+TEST_F(VehicleTest, StatesItsStaticBiasWhenItIsConfigured) {
+  params_.static_bias = Estimate<SE2>{SE2(5.0, -3.0, 0.4), 0.01 * SE2::Covariance::Identity()};
+  auto peer = network_.join();
+  vehicle().configure();
+  const auto messages = peer->take(0.0);
+  ASSERT_EQ(messages.size(), 2U);
+  EXPECT_TRUE(std::holds_alternative<AnchorFact<SE2>>(messages[0].payload));
+  const auto& prior = std::get<PriorFact<SE2>>(messages[1].payload);
+  EXPECT_TRUE(prior.known);
+  EXPECT_EQ(prior.mean.theta(), 0.4);
+  EXPECT_EQ(prior.key.chain, vehicle().snapshot().self);
+}
+
+TEST_F(VehicleTest, ReportsEveryExportByIndexAndTrack) {
+  std::vector<std::pair<std::uint32_t, std::uint64_t>> exported;
+  vehicle().on_export([&](std::uint32_t index, std::uint64_t track) { exported.emplace_back(index, track); });
+  vehicle().configure();
+  close_segment();
+  close_segment();
+  using Exported = decltype(exported);
+  EXPECT_EQ(exported, (Exported{{0, 0}, {1, 1}, {2, 2}, {3, 0}, {4, 1}, {5, 2}}));
+}
+
+TEST_F(VehicleTest, ParametersAreChecked) {
+  const auto refused = [&](auto change) {
+    VehicleParams<SE2> params = params_;
+    change(params);
+    return text_of([&] {
+             Vehicle<SE2> v(
+                 params, front_end_, [this] { return network_.join(); }, clock_s);
+           }) != "no error";
+  };
+  using P = VehicleParams<SE2>;
+  EXPECT_FALSE(refused([](P&) {}));
+  EXPECT_TRUE(refused([](P& p) { p.id = 0; }));
+  EXPECT_TRUE(refused([](P& p) { p.step_period_s = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.searches_per_step = 0; }));
+  EXPECT_TRUE(refused([](P& p) { p.drift.gamma = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.association.min_pairings = 0; }));
+}
+
+TEST_F(VehicleTest, IsGoneCleanlyWhileActive) {
+  vehicle().configure();
+  vehicle().activate();
+  close_segment();
+  vehicle_.reset();
+  EXPECT_TRUE(network_.join()->take(0.0).empty());
+}
+
+}  // namespace
+}  // namespace convoy

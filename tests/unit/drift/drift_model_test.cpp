@@ -1,0 +1,229 @@
+#include <convoy/config_error.hpp>
+#include <convoy/drift/drift_model.hpp>
+#include <convoy/drift/paper_bias.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include "../random_world.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <vector>
+
+namespace convoy {
+namespace {
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+const SE2::Covariance floor_of_increment = Eigen::Vector3d(1e-10, 1e-10, 1e-12).asDiagonal();
+
+DriftParams<SE2> params_of(DriftModel model) {
+  DriftParams<SE2> params;
+  params.model = model;
+  params.rate = {2e-4, 2e-4, 4e-6};
+  return params;
+}
+
+/// A winding path of steps of 0.5 m, with a SLAM that states a covariance of its own.
+std::vector<ChainState<SE2>> winding_chain(const DriftParams<SE2>& params, int steps, std::uint64_t seed = 1) {
+  test::Random random(seed);
+  DriftAccumulator<SE2> accumulator(params);
+  std::vector<ChainState<SE2>> states{{}};
+  SE2 pose;
+  SE2::Covariance slam_drift = SE2::Covariance::Zero();
+  for (int k = 1; k <= steps; ++k) {
+    pose = pose * SE2::Exp({0.5, 0.0, random.normal(0.05)});
+    const SE2::Tangent variance(random.uniform(1e-5, 1e-3), random.uniform(1e-5, 1e-3), random.uniform(1e-7, 1e-5));
+    slam_drift += pose.adjoint() * variance.asDiagonal() * pose.adjoint().transpose();
+    states.push_back(accumulator.advance(0.25 * k, 0.5 * k, pose, slam_drift));
+  }
+  return states;
+}
+
+double relative_difference(const SE2::Covariance& A, const SE2::Covariance& B) {
+  return (A - B).norm() / std::max(A.norm(), B.norm());
+}
+
+// T_c = T_a U_ab Exp(eta_ab) U_bc Exp(eta_bc): the covariances compose with the adjoint.
+Increment<SE2> chained(const Increment<SE2>& ab, const Increment<SE2>& bc) {
+  const SE2::Adjoint Ad = bc.motion.inverse().adjoint();
+  return {ab.motion * bc.motion, Ad * (ab.covariance - floor_of_increment) * Ad.transpose() + bc.covariance};
+}
+
+TEST(Increment, OfAnyTwoAnchorsIsTheChainOfThoseBetween) {
+  for (const DriftModel model : {DriftModel::local, DriftModel::literal}) {
+    const auto states = winding_chain(params_of(model), 400);
+    test::Random random(7);
+    for (int round = 0; round < 200; ++round) {
+      const int a = random.integer(0, 380), b = random.integer(a + 2, 400);
+      Increment<SE2> sum = increment(states[static_cast<std::size_t>(a)], states[static_cast<std::size_t>(a) + 1]);
+      for (int k = a + 1; k < b;) {  // anchors between, an arbitrary half of them lost
+        const int next = std::min(b, k + random.integer(1, 3));
+        sum = chained(sum, increment(states[static_cast<std::size_t>(k)], states[static_cast<std::size_t>(next)]));
+        k = next;
+      }
+      const auto direct = increment(states[static_cast<std::size_t>(a)], states[static_cast<std::size_t>(b)]);
+      ASSERT_LT((direct.motion.inverse() * sum.motion).Log().norm(), 1e-9) << a << " to " << b;
+      ASSERT_LT(relative_difference(direct.covariance, sum.covariance), 1e-9) << a << " to " << b;
+    }
+  }
+}
+
+TEST(Increment, OfTheLocalModelIsTheDriftInTheBodyFrame) {
+  // One step: Q is what was stated for it, seen from where the step ends.
+  auto params = params_of(DriftModel::local);
+  DriftAccumulator<SE2> accumulator(params);
+  const SE2 far(1000.0, -500.0, 2.0), next = far * SE2::Exp({0.5, 0.0, 0.1});
+  const auto a = accumulator.advance(0.0, 0.0, far, SE2::Covariance::Zero());
+  const auto b = accumulator.advance(1.0, 0.5, next, SE2::Covariance::Zero());
+  const SE2::Covariance expected = (0.5 * params.rate).asDiagonal();
+  EXPECT_LT(relative_difference(increment(a, b).covariance - floor_of_increment, expected), 1e-6);
+}
+
+TEST(Increment, DoesNotDependOnWhereTheChainBegan) {
+  const auto params = params_of(DriftModel::local);
+  const auto run = [&](const SE2& origin) {
+    DriftAccumulator<SE2> accumulator(params);
+    std::vector<ChainState<SE2>> states;
+    for (int k = 0; k < 100; ++k)
+      states.push_back(accumulator.advance(k, k, origin * SE2::Exp({1.0 * k, 0.0, 0.02 * k}), SE2::Covariance::Zero()));
+    return increment(states[20], states[90]);
+  };
+  EXPECT_LT(relative_difference(run({}).covariance, run({1000.0, 300.0, 1.0}).covariance), 1e-8);
+}
+
+TEST(Increment, IsNeverLessThanTheFloor) {
+  ChainState<SE2> a, b;
+  b.pose = SE2(5.0, 0.0, 0.0);
+  EXPECT_TRUE(increment(a, b).covariance.isApprox(floor_of_increment, 1e-12));
+  // A SLAM may regain information between anchors: C_b - C_a is indefinite then.
+  a.drift = Eigen::Vector3d(1.0, 0.1, 1e-4).asDiagonal();
+  b.drift = Eigen::Vector3d(0.5, 0.2, 1e-4).asDiagonal();
+  const auto Q = increment(a, b).covariance;
+  EXPECT_TRUE(is_covariance(Q));
+  const Eigen::SelfAdjointEigenSolver<SE2::Covariance> eigen(Q);
+  EXPECT_GE(eigen.eigenvalues().minCoeff(), 0.99e-12);
+  EXPECT_NEAR(eigen.eigenvalues().maxCoeff(), 0.1, 1e-3);
+}
+
+// Eq. 1 linearised at no bias: how an error of the bias moves the pose (x, y, theta).
+Eigen::Matrix3d pose_covariance_of_the_paper(const Eigen::Matrix3d& P_b, const Eigen::Vector3d& v) {
+  Eigen::Matrix3d J;
+  constexpr double h = 1e-6;
+  for (int k = 0; k < 3; ++k) {
+    paper::Bias plus, minus;
+    plus.b[k] = h;
+    minus.b[k] = -h;
+    J.col(k) = (paper::unbiased_pose(plus, v) - paper::unbiased_pose(minus, v)) / (2.0 * h);
+  }
+  return J * P_b * J.transpose();
+}
+
+Eigen::Matrix3d pose_covariance_of_the_model(const ChainState<SE2>& state) {
+  const auto drift = increment({}, state);
+  Eigen::Matrix3d R = Eigen::Matrix3d::Identity();
+  R.topLeftCorner<2, 2>() = drift.motion.rotation();
+  return R * (drift.covariance - floor_of_increment) * R.transpose();
+}
+
+TEST(DriftModel, LiteralIsTheRandomWalkOfThePaperToFirstOrder) {
+  const auto params = params_of(DriftModel::literal);
+  const Eigen::Matrix3d P_eps = params.rate.asDiagonal();
+  for (const auto& state : winding_chain(params, 300)) {
+    if (state.abscissa_m == 0.0) continue;
+    const paper::Bias bias = paper::propagated({}, state.abscissa_m, P_eps);
+    const Eigen::Vector3d v(state.pose.translation().x(), state.pose.translation().y(), state.pose.theta());
+    ASSERT_LT(relative_difference(pose_covariance_of_the_model(state), pose_covariance_of_the_paper(bias.P_b, v)), 1e-7)
+        << state.abscissa_m;
+  }
+}
+
+ChainState<SE2> after_a_loop(DriftModel model) {
+  DriftAccumulator<SE2> accumulator(params_of(model));
+  const double length_m = 340.0;
+  ChainState<SE2> state;
+  for (int k = 1; k <= 338; ++k) {  // a circle, closed but for 2 m
+    const double angle = 2.0 * M_PI * k / length_m, radius = length_m / (2.0 * M_PI);
+    const SE2 pose(radius * std::sin(angle), radius * (1.0 - std::cos(angle)), angle);
+    state = accumulator.advance(k, k, pose, SE2::Covariance::Zero());
+  }
+  return state;
+}
+
+TEST(DriftModel, LiteralIsOverconfidentWhereALoopClosesAndLocalIsNot) {
+  const auto sigma_m = [](const ChainState<SE2>& state) {
+    return std::sqrt(pose_covariance_of_the_model(state).topLeftCorner<2, 2>().trace());
+  };
+  const auto literal = after_a_loop(DriftModel::literal), local = after_a_loop(DriftModel::local);
+  EXPECT_NEAR(sigma_m(literal), std::sqrt(2.0 * 338.0 * 2e-4), 0.02);
+  EXPECT_GT(sigma_m(local), 5.0 * sigma_m(literal));
+
+  // The truth: runs of the drift itself.
+  test::Random random(3);
+  double squared = 0.0;
+  constexpr int runs = 400;
+  for (int run = 0; run < runs; ++run) {
+    SE2 T, previous;
+    const Eigen::Vector3d sigma = params_of(DriftModel::local).rate.cwiseSqrt();
+    for (int k = 1; k <= 338; ++k) {
+      const double angle = 2.0 * M_PI * k / 340.0, radius = 340.0 / (2.0 * M_PI);
+      const SE2 pose(radius * std::sin(angle), radius * (1.0 - std::cos(angle)), angle);
+      T = T * (previous.inverse() * pose) * SE2::Exp(sigma.cwiseProduct(random.unit_normal<3>()));
+      previous = pose;
+    }
+    squared += (T.translation() - local.pose.translation()).squaredNorm() / runs;
+  }
+  EXPECT_NEAR(std::sqrt(squared), sigma_m(local), 0.12 * sigma_m(local));
+}
+
+TEST(DriftModel, AddsGammaTimesWhatTheSlamStates) {
+  DriftParams<SE2> params = params_of(DriftModel::local);
+  params.rate.setZero();
+  params.gamma = 3.0;
+  const SE2::Covariance stated = Eigen::Vector3d(0.1, 0.2, 0.01).asDiagonal();
+  const auto state = DriftAccumulator<SE2>(params).advance(2.0, 10.0, SE2(10.0, 1.0, 0.2), stated);
+  EXPECT_TRUE(state.drift.isApprox(3.0 * stated, 1e-12));
+  EXPECT_EQ(state.stamp_s, 2.0);
+  EXPECT_EQ(state.abscissa_m, 10.0);
+}
+
+TEST(DriftModel, StandingStillAddsNothing) {
+  DriftAccumulator<SE2> accumulator(params_of(DriftModel::local));
+  const auto before = accumulator.advance(1.0, 10.0, SE2(10.0, 0.0, 0.0), SE2::Covariance::Zero());
+  const auto after = accumulator.advance(100.0, 10.0, SE2(10.0, 0.0, 0.0), SE2::Covariance::Zero());
+  EXPECT_EQ(before.drift, after.drift);
+}
+
+TEST(DriftParams, AreCheckedWithAWordOnHowToMendThem) {
+  const auto refused = [](auto change) {
+    DriftParams<SE2> params;
+    change(params);
+    try {
+      validate(params);
+    } catch (const ConfigError& error) {
+      return std::string(error.what());
+    }
+    return std::string("accepted");
+  };
+  using P = DriftParams<SE2>;
+  EXPECT_EQ(refused([](P&) {}), "accepted");
+  for (const double gamma : {0.0, -1.0, nan})
+    EXPECT_NE(refused([&](P& p) { p.gamma = gamma; }).find("gamma"), std::string::npos) << gamma;
+  for (int k = 0; k < 3; ++k)
+    for (const double rate : {-1e-9, nan, std::numeric_limits<double>::infinity()})
+      EXPECT_NE(refused([&](P& p) { p.rate[k] = rate; }).find("rate"), std::string::npos) << k << ": " << rate;
+  for (const double inflation : {0.5, nan})
+    EXPECT_NE(refused([&](P& p) { p.landmark_inflation = inflation; }).find("landmark_inflation"), std::string::npos);
+  const auto unequal = [](P& p) { p.rate = {1e-4, 2e-4, 1e-6}; };
+  EXPECT_EQ(refused(unequal), "accepted");
+  EXPECT_NE(refused([&](P& p) {
+              unequal(p);
+              p.model = DriftModel::literal;
+            }).find("literal"),
+            std::string::npos);
+  EXPECT_THROW(DriftAccumulator<SE2>(P{.gamma = -1.0}), ConfigError);
+}
+
+}  // namespace
+}  // namespace convoy

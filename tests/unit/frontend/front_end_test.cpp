@@ -1,0 +1,138 @@
+#include <convoy/frontend/frozen_landmarks.hpp>
+#include <convoy/frontend/range_bearing_ekf.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include "../../support/front_end_contract.hpp"
+#include "range_bearing_world.hpp"
+
+#include <gtest/gtest.h>
+
+#include <limits>
+
+namespace convoy {
+namespace {
+
+struct RangeBearingDrive {
+  using Group = SE2;
+  FrontEnd<SE2>& front_end() { return world.filter(); }
+  void run(const std::function<void()>& after_input) {
+    world.drive(60.0, 0.03, after_input);
+    world.drive(60.0, -0.05, after_input);
+    world.drive(30.0, 0.0, after_input);
+    world.filter().finish();
+    after_input();
+  }
+  static RangeBearingEkfParams params() {
+    RangeBearingEkfParams p = test::quiet_params();
+    p.trail_spacing_m = 1.0;
+    return p;
+  }
+  test::RangeBearingWorld world{params(), 11};
+};
+
+struct FrozenDrive {
+  using Group = SE2;
+  FrontEnd<SE2>& front_end() { return landmarks; }
+  void run(const std::function<void()>& after_input) {
+    test::Random random(5);
+    FrontEndState<SE2> state;
+    for (int k = 1; k <= 200; ++k) {
+      state.stamp_s = 0.5 * k;
+      state.abscissa_m = k;
+      state.pose = state.pose * SE2::Exp({1.0, 0.0, 0.02});
+      const SE2::Covariance step = Eigen::Vector3d(1e-4, 1e-4, 1e-6).asDiagonal();
+      state.slam_drift += state.pose.adjoint() * step * state.pose.adjoint().transpose();
+      ASSERT_TRUE(landmarks.advance(state));
+      if (k % 25 == 0) {
+        std::vector<FrozenLandmark<SE2>> frozen;
+        const auto batch = test::frozen_batch(random, {{1, 1}, 0}, SE2(), test::scattered(random, 8, 20.0), {});
+        for (const auto& l : batch.landmarks)
+          frozen.push_back({l.position, l.covariance, l.loading, {}, std::uint64_t(8 * k + frozen.size())});
+        landmarks.close(frozen);
+      }
+      after_input();
+    }
+  }
+  FrozenLandmarks<SE2> landmarks;
+};
+
+}  // namespace
+}  // namespace convoy
+
+namespace convoy::testing {
+INSTANTIATE_TYPED_TEST_SUITE_P(RangeBearingEkf, FrontEndContract, RangeBearingDrive);
+INSTANTIATE_TYPED_TEST_SUITE_P(FrozenLandmarks, FrontEndContract, FrozenDrive);
+}  // namespace convoy::testing
+
+namespace convoy {
+namespace {
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
+TEST(FrozenLandmarks, RefusesWhatBreaksTheContractAndKeepsItsState) {
+  FrozenLandmarks<SE2> front_end;
+  FrontEndState<SE2> good;
+  good.stamp_s = 10.0;
+  good.abscissa_m = 5.0;
+  good.pose = SE2(5.0, 0.0, 0.1);
+  good.slam_drift = 0.01 * SE2::Covariance::Identity();
+  ASSERT_TRUE(front_end.advance(good));
+  const auto refused = [&](auto change) {
+    FrontEndState<SE2> bad = good;
+    change(bad);
+    return !front_end.advance(bad) && front_end.state().stamp_s == 10.0 && front_end.state().abscissa_m == 5.0 &&
+           front_end.state().pose.theta() == 0.1 && front_end.state().slam_drift == good.slam_drift;
+  };
+  using S = FrontEndState<SE2>;
+  EXPECT_TRUE(refused([](S& s) { s.stamp_s = 9.0; }));
+  EXPECT_TRUE(refused([](S& s) { s.abscissa_m = 4.0; }));
+  EXPECT_TRUE(refused([](S& s) { s.stamp_s = nan; }));
+  EXPECT_TRUE(refused([](S& s) { s.abscissa_m = nan; }));
+  EXPECT_TRUE(refused([](S& s) { s.pose = SE2(nan, 0.0, 0.0); }));
+  EXPECT_TRUE(refused([](S& s) { s.pose = SE2(0.0, 0.0, nan); }));
+  EXPECT_TRUE(refused([](S& s) { s.slam_drift(0, 0) = -1.0; }));
+  EXPECT_TRUE(refused([](S& s) { s.slam_drift(1, 1) = nan; }));
+}
+
+TEST(SharedLoadings, RecoverAJointCovarianceOfTheirRank) {
+  test::Random random(2);
+  Eigen::MatrixXd L(12, SE2::Shared);
+  for (Eigen::Index i = 0; i < L.size(); ++i) L.data()[i] = random.normal();
+  const Eigen::MatrixXd joint = L * L.transpose();
+  const auto loadings = shared_loadings<SE2>(joint);
+  ASSERT_EQ(loadings.size(), 6U);
+  for (Eigen::Index i = 0; i < 6; ++i)
+    for (Eigen::Index j = 0; j < 6; ++j) {
+      const Eigen::Matrix2d block =
+          loadings[static_cast<std::size_t>(i)] * loadings[static_cast<std::size_t>(j)].transpose();
+      EXPECT_LT((block - joint.block<2, 2>(2 * i, 2 * j)).norm(), 1e-5 * joint.norm()) << i << ", " << j;
+    }
+}
+
+TEST(SharedLoadings, LeaveEveryLandmarkAnOwnPartAndTheRestOfTheJointCovariancePositive) {
+  test::Random random(3);
+  for (int round = 0; round < 50; ++round) {
+    const int n = random.integer(2, 12);
+    Eigen::MatrixXd A(2 * n, 2 * n);
+    for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = random.normal();
+    const Eigen::MatrixXd joint = A * A.transpose();
+    const auto loadings = shared_loadings<SE2>(joint);
+    Eigen::MatrixXd L(2 * n, SE2::Shared);
+    for (int i = 0; i < n; ++i) L.middleRows<2>(2 * i) = loadings[static_cast<std::size_t>(i)];
+    EXPECT_TRUE(is_covariance(Eigen::MatrixXd(joint - L * L.transpose()), joint.cwiseAbs().maxCoeff()));
+    // The strongest components: what is left is no more than the fifth eigenvalue.
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> all(joint), rest(joint - L * L.transpose());
+    const double fifth = 2 * n > SE2::Shared ? all.eigenvalues()[2 * n - 1 - SE2::Shared] : 0.0;
+    EXPECT_LT(rest.eigenvalues().maxCoeff(), fifth + 1e-4 * joint.norm());
+  }
+}
+
+TEST(SharedLoadings, OfOneLandmarkAreNothing) {
+  const auto loadings = shared_loadings<SE2>(Eigen::MatrixXd::Identity(2, 2));
+  ASSERT_EQ(loadings.size(), 1U);
+  EXPECT_TRUE(loadings[0].isZero(0.0));
+  EXPECT_TRUE(shared_loadings<SE2>(Eigen::MatrixXd(0, 0)).empty());
+}
+
+}  // namespace
+}  // namespace convoy
