@@ -20,14 +20,16 @@ template <class G>
 FrontEndComponent<G>::FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>& manager, const DriftParams<G>& drift,
                                         double live_period_s)
     : front_end_(front_end), manager_(manager), start_(front_end.state()), params_(drift), live_period_s_(live_period_s), drift_(drift),
-      drift_at_anchor_(drift) {}
+      drift_at_anchor_(drift) {
+  front_end_.take_segments();  // what converged before this chain began belongs to no anchor of it
+}
 
 // The chain begins at the identity with no drift, whatever the SLAM did before.
 template <class G>
 FrontEndState<G> FrontEndComponent<G>::since_start(const FrontEndState<G>& s) const {
   const typename G::Adjoint Ad = start_.pose.inverse().adjoint();
   return {s.stamp_s, s.abscissa_m - start_.abscissa_m, start_.pose.inverse() * s.pose,
-          symmetrised(typename G::Covariance(Ad * (s.slam_drift - start_.slam_drift) * Ad.transpose()))};
+          positive_part(typename G::Covariance(Ad * (s.slam_drift - start_.slam_drift) * Ad.transpose()))};
 }
 
 template <class G>
@@ -61,10 +63,12 @@ void FrontEndComponent<G>::close(const Segment<G>& segment) {
     fact.descriptor = frozen.descriptor;
     batch.push_back(fact);
   }
-  std::uint32_t index = manager_.publish_segment(closing, std::move(batch));
-  for (const FrozenLandmark<G>& frozen : segment.landmarks)
-    if (on_export_) on_export_(index++, frozen.track);
-  landmarks_exported_ += segment.landmarks.size();
+  const auto indices = manager_.publish_segment(closing, std::move(batch));
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    if (!indices[i]) continue;
+    ++landmarks_exported_;
+    if (on_export_) on_export_(*indices[i], segment.landmarks[i].track);
+  }
 }
 
 #define CONVOY_INSTANTIATE(G) template class FrontEndComponent<G>;

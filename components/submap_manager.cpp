@@ -61,6 +61,9 @@ void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G
     prior.mean = static_bias->mean;
     prior.covariance = static_bias->covariance;
   }
+  if (const Insertion fit = store_.check(prior); fit != Insertion::inserted)
+    throw ConfigError(std::string("submap manager: the static bias is refused (") + to_string(fit) +
+                      "); give a finite pose and a symmetric positive semidefinite covariance");
   publish(start);
   publish(prior);
   send(start);
@@ -68,28 +71,48 @@ void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G
 }
 
 template <class G>
-std::uint32_t SubmapManager<G>::publish_segment(const ChainState<G>& closing, std::vector<LandmarkFact<G>> batch) {
+std::vector<std::optional<std::uint32_t>> SubmapManager<G>::publish_segment(const ChainState<G>& closing,
+                                                                            std::vector<LandmarkFact<G>> batch) {
   auto& next_anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)];
   auto& next_landmark = next_index_[static_cast<std::size_t>(FactKind::landmark)];
-  const std::uint32_t first = next_landmark;
-  const AnchorFact<G> anchor{{self_, next_anchor}, closing, first, static_cast<std::uint32_t>(batch.size())};
-  for (LandmarkFact<G>& landmark : batch) {
-    landmark.key = {self_, next_landmark++};
-    landmark.anchor = next_anchor;
-    publish(landmark);
+  std::vector<std::optional<std::uint32_t>> indices(batch.size());
+  AnchorFact<G> anchor{{self_, next_anchor}, closing, next_landmark, 0};
+  if (store_.check(anchor) != Insertion::inserted) {
+    counters_.facts_unfit += 1 + batch.size();
+    return indices;
   }
+  LandmarkBatch<G> fit;
+  for (std::size_t i = 0; i < batch.size(); ++i) {
+    LandmarkFact<G>& landmark = batch[i];
+    landmark.key = {self_, next_landmark};
+    landmark.anchor = next_anchor;
+    if (store_.check(landmark) != Insertion::inserted) {
+      ++counters_.facts_unfit;
+      continue;
+    }
+    publish(landmark);
+    indices[i] = next_landmark++;
+    fit.landmarks.push_back(landmark);
+  }
+  anchor.landmark_count = static_cast<std::uint32_t>(fit.landmarks.size());
   ++next_anchor;
   publish(anchor);
   send(anchor);
-  if (!batch.empty()) send(LandmarkBatch<G>{std::move(batch)});
-  return first;
+  if (!fit.landmarks.empty()) send(std::move(fit));
+  return indices;
 }
 
 template <class G>
 bool SubmapManager<G>::publish_association(std::vector<Pairing> pairings) {
   pairings = canonical(std::move(pairings));
   if (store_.stated(hypothesis_id(pairings))) return false;
-  const AssociationFact fact{{self_, next_index_[static_cast<std::size_t>(FactKind::association)]++}, std::move(pairings)};
+  auto& next = next_index_[static_cast<std::size_t>(FactKind::association)];
+  const AssociationFact fact{{self_, next}, std::move(pairings)};
+  if (store_.check(fact) != Insertion::inserted) {
+    ++counters_.facts_unfit;
+    return false;
+  }
+  ++next;
   publish(fact);
   send(fact);
   return true;
@@ -124,6 +147,12 @@ void SubmapManager<G>::step(double now_s) {
 
 template <class G>
 void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
+  const auto& roster = params_.limits.roster;
+  const VehicleId sender = message.sender.vehicle;
+  if (sender == 0 || (!roster.empty() && std::find(roster.begin(), roster.end(), sender) == roster.end())) {
+    ++counters_.unknown_senders;
+    return;
+  }
   if (message.sender != self_) peers_[message.sender].heard_s = now_s;
   std::visit(
       [&](const auto& payload) {
@@ -139,7 +168,9 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
         } else if constexpr (std::is_same_v<P, VerdictFact>) {
           take_in(FactKind::verdict, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
-          if (payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = payload;
+          const bool fit = store_.check(AnchorFact<G>{{payload.chain, 1}, payload.state}) == Insertion::inserted;
+          counters_.live_unfit += !fit;
+          if (fit && payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = payload;
         } else if constexpr (std::is_same_v<P, Request>) {
           repair_.on_request(store_, payload, now_s);
         } else {
@@ -153,9 +184,8 @@ template <class G>
 template <class Fact>
 void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
   repair_.on_fact_seen(kind, fact.key);
-  // Nobody else states facts of this run of this vehicle: what is not known here was never said.
-  if (fact.key.chain == self_ && fact.key.index >= next_index_[static_cast<std::size_t>(kind)]) {
-    ++counters_.facts_impersonated;
+  if (fact.key.chain == self_) {  // all that was ever said here is held; anything else was never said
+    counters_.facts_impersonated += !store_.holds(fact);
     return;
   }
   if (store_.insert(fact) == Insertion::inserted) ++counters_.facts_received;

@@ -43,6 +43,9 @@ struct VehicleState {
 struct SubmapManagerCounters {
   std::uint64_t facts_published = 0;
   std::uint64_t facts_received = 0;      ///< taken in from others
+  std::uint64_t facts_unfit = 0;         ///< of this vehicle's own making, and left out
+  std::uint64_t live_unfit = 0;          ///< live poses that were not finite or beyond the limits
+  std::uint64_t unknown_senders = 0;     ///< messages of vehicles that are not on the roster
   std::uint64_t facts_impersonated = 0;  ///< claimed to be this vehicle's own, and were not: refused
   std::uint64_t sends_rejected = 0;      ///< the network would not take it; repair makes up for it
   std::uint64_t dimension_mismatch = 0;  ///< digests of fleets of another dimension
@@ -60,11 +63,14 @@ class SubmapManager {
   const ChainId& self() const { return self_; }
 
   // ---- own facts, each stated once; indices are given here ----
-  /// Opens the chain: the first anchor, and the static bias if the start is known. Call first, once.
+  /// Opens the chain: the first anchor, and the static bias if the start is known. Call first, once. Throws ConfigError
+  /// if the static bias is not finite or its covariance is none.
   void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias);
-  /// A closing anchor with its batch; key and anchor of the landmarks are set here. Returns the index of the first one.
-  std::uint32_t publish_segment(const ChainState<G>& closing, std::vector<LandmarkFact<G>> batch);
-  /// False if the same hypothesis is already held.
+  /// A closing anchor with its batch; key and anchor of the landmarks are set here. What is not fit to be a fact (not
+  /// finite, no covariance) is left out and counted, and takes no index. Returns the index of each landmark given.
+  std::vector<std::optional<std::uint32_t>> publish_segment(const ChainState<G>& closing,
+                                                            std::vector<LandmarkFact<G>> batch);
+  /// False if the same hypothesis is already held, or if there is none.
   bool publish_association(std::vector<Pairing> pairings);
   void publish_verdict(Hash hypothesis, bool veto);
   /// Where this vehicle is now. Not a fact: only the last one counts.

@@ -17,8 +17,12 @@ Epoch epoch_from_folder(const std::filesystem::path& folder) {
   std::filesystem::create_directories(folder, error);
   if (std::filesystem::exists(file)) {
     std::ifstream in(file);
-    if (!(in >> last))
+    std::string text;
+    std::getline(in, text);
+    const bool digits = !text.empty() && text.size() <= 18 && text.find_first_not_of("0123456789") == std::string::npos;
+    if (!digits)
       throw ConfigError(file.string() + ":1: no epoch number; delete the file only if this vehicle's id was never used");
+    last = std::stoull(text);
   }
   {
     std::ofstream out(next, std::ios::trunc);
@@ -47,13 +51,13 @@ Vehicle<G>::~Vehicle() {
   shutdown();
 }
 
-// Without a folder: seconds since 1970 in the upper half, random bits below, so that it grows and never repeats.
+// Without a folder: microseconds since 1970, then twelve random bits, so that it grows and does not repeat.
 template <class G>
 Epoch Vehicle<G>::next_epoch() const {
   if (!params_.state_folder.empty()) return epoch_from_folder(params_.state_folder);
   const auto now = std::chrono::system_clock::now().time_since_epoch();
-  const auto seconds = std::chrono::duration_cast<std::chrono::seconds>(now).count();
-  return (static_cast<Epoch>(seconds) << 31) | (std::random_device{}() >> 1);
+  const auto us = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
+  return (static_cast<Epoch>(us) << 12) | (std::random_device{}() & 0xfffU);
 }
 
 template <class G>

@@ -80,6 +80,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("association", "max_nodes", a.max_nodes);
   visit("association", "min_pairings", a.min_pairings);
   visit("association", "residual", a.residual);
+  visit("association", "pairing", a.pairing);
   visit("association", "separation", a.separation);
   visit("association", "max_false_alarms", a.max_false_alarms);
   visit("association", "max_runner_up_share", a.max_runner_up_share);

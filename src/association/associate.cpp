@@ -37,7 +37,8 @@ class Associator {
   Associator(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
              const AssociationParams& params)
       : a_(a), b_(b), prior_(prior), params_(params), table_a_(a), table_b_(b),
-        binary_(table_a_, table_b_, params.constraints), gate_chi2_(chi2_quantile(params.residual, G::Dim)) {}
+        binary_(table_a_, table_b_, params.constraints), gate_chi2_(chi2_quantile(params.pairing, G::Dim)),
+        doubt_chi2_(chi2_quantile(params.residual, G::Dim)) {}
 
   AssociationResult<G> run() {
     const CompatibilityGraph graph = build_graph();
@@ -131,7 +132,7 @@ class Associator {
     const auto outside = align(a_, b_, far);
     if (!outside) return true;
     const double margin = chi2_quantile(params_.separation, G::Dim);
-    const auto confusable = [&](int i, int j) { return residual_chi2(*outside, in_a(i), in_b(j)) < gate_chi2_; };
+    const auto confusable = [&](int i, int j) { return residual_chi2(*outside, in_a(i), in_b(j)) < doubt_chi2_; };
     const auto fit = [&](int i, int j) { return residual_chi2(alignment, in_a(i), in_b(j)); };
     std::vector<bool> paired_a(a_.landmarks.size(), false), paired_b(b_.landmarks.size(), false);
     for (const auto& [i, j] : pairings) paired_a[static_cast<std::size_t>(i)] = paired_b[static_cast<std::size_t>(j)] = true;
@@ -150,7 +151,7 @@ class Associator {
   // Too close for their own covariances to tell them apart.
   bool near(const LandmarkFact<G>& l, const LandmarkFact<G>& m) const {
     return squared_mahalanobis(typename G::Point(l.position - m.position),
-                               typename G::PointCovariance(l.covariance + m.covariance)) < gate_chi2_;
+                               typename G::PointCovariance(l.covariance + m.covariance)) < doubt_chi2_;
   }
 
   bool keep(const Alignment<G>& alignment, const std::vector<IndexPairing>& pairings) {
@@ -229,7 +230,7 @@ class Associator {
   const AssociationParams& params_;
   DistanceTable table_a_, table_b_;
   DistanceCompatibility binary_;
-  double gate_chi2_;
+  double gate_chi2_, doubt_chi2_;
   std::vector<IndexPairing> settled_;
   AssociationResult<G> result_;
 };
@@ -239,7 +240,7 @@ class Associator {
 void validate(const AssociationParams& p) {
   const auto share = [](double x) { return x > 0.0 && x < 1.0; };
   if (!share(p.constraints.compatibility) || !share(p.constraints.distance) || !share(p.residual) ||
-      !share(p.separation))
+      !share(p.pairing) || !share(p.separation))
     throw ConfigError("association: confidences must lie in (0, 1)");
   if (!(p.constraints.min_distance_m >= 0.0)) throw ConfigError("association: min_distance_m must be >= 0");
   if (p.min_pairings < 3) throw ConfigError("association: min_pairings must be >= 3; two pairs align with anything");

@@ -48,7 +48,7 @@ template <class G>
 Batch<G> batch_of(const FactStore<G>& store, const Key& anchor);
 
 /// Unary constraint: eq. 5, nu^T C^-1 nu < chi2(d, alpha), with nu = l_i - T_a_b l_j and the covariances of both
-/// landmarks and of T_a_b in C; descriptors of one kind must not contradict. No prior: everything is compatible.
+/// landmarks and of T_a_b in C. No prior: everything is compatible.
 template <class G>
 class IndividualCompatibility {
  public:

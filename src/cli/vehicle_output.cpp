@@ -105,6 +105,10 @@ json map_json(const SubmapManager<SE2>& manager) {
     json pairings = json::array();
     double stamp_s = 0.0;
     for (const auto& [a, b] : h.pairings) {
+      // A pairing that the map has found not to fit is no longer one.
+      const auto ca = class_of.find(a), cb = class_of.find(b);
+      const bool fused = ca != class_of.end() && cb != class_of.end() && ca->second == cb->second;
+      if (h.state == HypothesisState::accepted && !fused) continue;
       pairings.push_back({a.chain.vehicle, a.chain.epoch, a.index, b.chain.vehicle, b.chain.epoch, b.index});
       for (const Key& key : {a, b})  // it became known when the later of its batches closed
         if (const LandmarkFact<SE2>* landmark = store.landmark(key))
@@ -163,6 +167,9 @@ json counters_json(const VehicleSnapshot<SE2>& s) {
   json c;
   c["facts_published"] = s.submaps.facts_published;
   c["facts_received"] = s.submaps.facts_received;
+  c["facts_unfit"] = s.submaps.facts_unfit;
+  c["live_unfit"] = s.submaps.live_unfit;
+  c["unknown_senders"] = s.submaps.unknown_senders;
   c["facts_impersonated"] = s.submaps.facts_impersonated;
   c["sends_rejected"] = s.submaps.sends_rejected;
   c["disagreements"] = s.submaps.disagreements;

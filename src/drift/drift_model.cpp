@@ -51,13 +51,10 @@ Increment<G> increment(const ChainState<G>& a, const ChainState<G>& b) {
   typename G::Tangent floor;
   floor.template head<G::Dim>().setConstant(1e-10);
   floor.template tail<G::Dof - G::Dim>().setConstant(1e-12);
-  typename G::Covariance Q = symmetrised(Ad * (b.drift - a.drift) * Ad.transpose());
   // Between anchors a SLAM may regain information, so that C_b - C_a is indefinite: nothing less than zero is meant.
-  const Eigen::SelfAdjointEigenSolver<typename G::Covariance> eigen(Q);
-  if (eigen.eigenvalues().minCoeff() < 0.0)
-    Q = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * eigen.eigenvectors().transpose();
+  typename G::Covariance Q = positive_part(typename G::Covariance(Ad * (b.drift - a.drift) * Ad.transpose()));
   Q.diagonal() += floor;
-  return {a.pose.inverse() * b.pose, symmetrised(Q)};
+  return {a.pose.inverse() * b.pose, Q};
 }
 
 #define CONVOY_INSTANTIATE(G)                    \

@@ -30,6 +30,17 @@ typename Derived::PlainObject symmetrised(const Eigen::MatrixBase<Derived>& P) {
   return 0.5 * (P + P.transpose());
 }
 
+/// The nearest positive semidefinite matrix: negative eigenvalues become zero. Unchanged, to the bit, if there are none.
+template <class Derived>
+typename Derived::PlainObject positive_part(const Eigen::MatrixBase<Derived>& P) {
+  using Matrix = typename Derived::PlainObject;
+  const Matrix M = symmetrised(P);
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(M);
+  if (eigen.eigenvalues().minCoeff() >= 0.0) return M;
+  const Matrix V = eigen.eigenvectors();
+  return symmetrised(Matrix(V * eigen.eigenvalues().cwiseMax(0.0).asDiagonal() * V.transpose()));
+}
+
 /// r^T P^-1 r, the squared Mahalanobis distance; infinite if P is not positive definite.
 template <class Vector, class Matrix>
 double squared_mahalanobis(const Eigen::MatrixBase<Vector>& r, const Eigen::MatrixBase<Matrix>& P) {

@@ -68,6 +68,7 @@ class Map {
 
   const Problem<G>& problem() const { return problem_; }
   const std::vector<G>& poses() const { return poses_; }  ///< of Problem::nodes
+  const std::vector<typename G::Point>& points() const { return points_; }  ///< of Problem::points
   const SolveReport& report() const { return report_; }
   /// Hash of every pose and point to the bit. Equal for equal facts.
   Hash digest() const { return digest_; }

@@ -142,17 +142,20 @@ const char* to_string(HypothesisState state) {
 }
 
 template <class G>
-Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const std::set<Hash>& excluded) {
+Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded) {
   Selection<G> selection;
   selection.hypotheses = stated(store);
   const std::set<Hash> vetoes = vetoed(store);
   Classes classes;
   for (Hypothesis<G>& h : selection.hypotheses) {
     h.state = vetoes.count(h.id)     ? HypothesisState::vetoed
-              : excluded.count(h.id) ? HypothesisState::map_residual
+              : excluded.hypotheses.count(h.id) ? HypothesisState::map_residual
                                      : examine(store, params, h);
     const auto batch_of_landmark = [&](const Key& key) { return store.landmark(key)->anchor_key(); };
-    if (h.state == HypothesisState::accepted && !classes.join(h.pairings, batch_of_landmark))
+    std::vector<Pairing> fitting;
+    for (const Pairing& p : h.pairings)
+      if (!excluded.landmarks.count(p.first) && !excluded.landmarks.count(p.second)) fitting.push_back(p);
+    if (h.state == HypothesisState::accepted && !classes.join(fitting, batch_of_landmark))
       h.state = HypothesisState::class_conflict;
   }
   selection.classes = classes.sorted();
@@ -166,7 +169,7 @@ Selection<G> select(const FactStore<G>& store, const SelectionParams& params, co
 }
 
 #define CONVOY_INSTANTIATE(G) \
-  template Selection<G> select(const FactStore<G>&, const SelectionParams&, const std::set<Hash>&);
+  template Selection<G> select(const FactStore<G>&, const SelectionParams&, const Exclusions&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -46,8 +46,14 @@ struct Selection {
   Hash digest = 0;                        ///< of the classes
 };
 
-/// `excluded`: hypotheses that the map has already shown to contradict it.
+/// What an earlier look at the map has shown not to fit.
+struct Exclusions {
+  std::set<Hash> hypotheses;  ///< contradict the rest of the map
+  std::set<Key> landmarks;    ///< fit another class better than the one their pairings put them into
+  std::size_t size() const { return hypotheses.size() + landmarks.size(); }
+};
+
 template <class G>
-Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const std::set<Hash>& excluded = {});
+Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded = {});
 
 }  // namespace convoy

@@ -8,7 +8,7 @@ namespace convoy {
 
 struct SparseMapParams {
   int max_iterations = 100;
-  double convergence = 1e-16;  ///< squared length of a step in units of its own standard deviation
+  double convergence = 1e-12;  ///< squared length of a step in units of its own standard deviation
 };
 
 template <class G>

@@ -1,6 +1,5 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
-#include <convoy/submap/content_hash.hpp>
 #include <convoy/submap/fact_store.hpp>
 
 #include <algorithm>
@@ -92,7 +91,7 @@ Insertion FactStore<G>::keep(Sequence<Fact> Chain::*sequence, FactKind kind, con
 }
 
 template <class G>
-Insertion FactStore<G>::insert(const AnchorFact<G>& f) {
+Insertion FactStore<G>::check(const AnchorFact<G>& f) const {
   const auto& s = f.state;
   Insertion ok = first_refusal(check(f.key), check_pose(s.pose, limits_), check_covariance(s.drift, limits_));
   if (ok == Insertion::inserted && !(std::isfinite(s.stamp_s) && std::isfinite(s.abscissa_m))) ok = Insertion::not_finite;
@@ -102,15 +101,20 @@ Insertion FactStore<G>::insert(const AnchorFact<G>& f) {
   if (ok == Insertion::inserted && f.key.index == 0 && !at_origin) ok = Insertion::malformed;
   const std::uint64_t end_landmark = std::uint64_t{f.first_landmark} + f.landmark_count;
   if (ok == Insertion::inserted && end_landmark > std::uint64_t{limits_.max_index} + 1) ok = Insertion::out_of_range;
-  const Insertion result = keep(&Chain::anchors, FactKind::anchor, f, ok);
+  return ok;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const AnchorFact<G>& f) {
+  const Insertion result = keep(&Chain::anchors, FactKind::anchor, f, check(f));
   // An anchor proves that its landmarks exist, so that lost ones are asked for.
   if (result == Insertion::inserted && f.landmark_count > 0)
-    announce(f.key.chain, FactKind::landmark, static_cast<std::uint32_t>(end_landmark));
+    announce(f.key.chain, FactKind::landmark, f.first_landmark + f.landmark_count);
   return result;
 }
 
 template <class G>
-Insertion FactStore<G>::insert(const LandmarkFact<G>& f) {
+Insertion FactStore<G>::check(const LandmarkFact<G>& f) const {
   Insertion ok = first_refusal(check(f.key), f.position.allFinite() ? Insertion::inserted : Insertion::not_finite,
                                check_covariance(f.covariance, limits_));
   if (ok == Insertion::inserted && !f.loading.allFinite()) ok = Insertion::not_finite;
@@ -119,7 +123,12 @@ Insertion FactStore<G>::insert(const LandmarkFact<G>& f) {
   if (ok == Insertion::inserted &&
       (f.position.cwiseAbs().maxCoeff() > limits_.max_coordinate_m || f.anchor > limits_.max_index))
     ok = Insertion::out_of_range;
-  const Insertion result = keep(&Chain::landmarks, FactKind::landmark, f, ok);
+  return ok;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const LandmarkFact<G>& f) {
+  const Insertion result = keep(&Chain::landmarks, FactKind::landmark, f, check(f));
   if (result == Insertion::inserted) {
     Chain& chain = chains_[f.key.chain];
     auto& batch = chain.batches[f.anchor];
@@ -131,16 +140,21 @@ Insertion FactStore<G>::insert(const LandmarkFact<G>& f) {
 }
 
 template <class G>
-Insertion FactStore<G>::insert(const PriorFact<G>& f) {
+Insertion FactStore<G>::check(const PriorFact<G>& f) const {
   Insertion ok = first_refusal(check(f.key), check_pose(f.mean, limits_), check_covariance(f.covariance, limits_));
   if (ok == Insertion::inserted && f.key.index != 0) ok = Insertion::out_of_range;
   const bool empty = f.covariance.isZero(0.0) && f.mean.Log().isZero(0.0);
   if (ok == Insertion::inserted && !f.known && !empty) ok = Insertion::malformed;
-  return keep(&Chain::priors, FactKind::prior, f, ok);
+  return ok;
 }
 
 template <class G>
-Insertion FactStore<G>::insert(const AssociationFact& f) {
+Insertion FactStore<G>::insert(const PriorFact<G>& f) {
+  return keep(&Chain::priors, FactKind::prior, f, check(f));
+}
+
+template <class G>
+Insertion FactStore<G>::check(const AssociationFact& f) const {
   Insertion ok = check(f.key);
   if (ok == Insertion::inserted && f.pairings.size() > limits_.max_pairings) ok = Insertion::out_of_range;
   if (ok == Insertion::inserted && (f.pairings.empty() || canonical(f.pairings) != f.pairings)) ok = Insertion::malformed;
@@ -148,12 +162,17 @@ Insertion FactStore<G>::insert(const AssociationFact& f) {
     if (ok != Insertion::inserted) break;
     ok = a == b ? Insertion::malformed : first_refusal(check(a), check(b));
   }
-  return keep(&Chain::associations, FactKind::association, f, ok);
+  return ok;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const AssociationFact& f) {
+  return keep(&Chain::associations, FactKind::association, f, check(f));
 }
 
 template <class G>
 Insertion FactStore<G>::insert(const VerdictFact& f) {
-  return keep(&Chain::verdicts, FactKind::verdict, f, check(f.key));
+  return keep(&Chain::verdicts, FactKind::verdict, f, check(f));
 }
 
 template <class G>

@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdint>
 #include <map>
+#include <type_traits>
 #include <vector>
 
 namespace convoy {
@@ -63,6 +64,13 @@ class FactStore {
   Insertion insert(const AssociationFact& fact);
   Insertion insert(const VerdictFact& fact);
 
+  /// What insert() would say of the fact itself: `inserted`, or why it is refused.
+  Insertion check(const AnchorFact<G>& fact) const;
+  Insertion check(const LandmarkFact<G>& fact) const;
+  Insertion check(const PriorFact<G>& fact) const;
+  Insertion check(const AssociationFact& fact) const;
+  Insertion check(const VerdictFact& fact) const { return check(fact.key); }
+
   template <class Fact>
   using Sequence = std::map<std::uint32_t, Fact>;
 
@@ -83,6 +91,16 @@ class FactStore {
   const AnchorFact<G>* anchor(const Key& key) const;
   const LandmarkFact<G>* landmark(const Key& key) const;
   const PriorFact<G>* prior(const ChainId& chain) const;
+
+  /// True if exactly this fact is held: the same content under its key.
+  template <class Fact>
+  bool holds(const Fact& fact) const {
+    const auto chain = chains_.find(fact.key.chain);
+    if (chain == chains_.end()) return false;
+    const auto& held = sequence_of<Fact>(chain->second);
+    const auto it = held.find(fact.key.index);
+    return it != held.end() && hash_of(it->second) == hash_of(fact);
+  }
 
   /// True if somebody has stated this hypothesis.
   bool stated(Hash hypothesis) const { return statements_.count(hypothesis) != 0; }
@@ -108,6 +126,14 @@ class FactStore {
   const FactLimits& limits() const { return limits_; }
 
  private:
+  template <class Fact>
+  static const Sequence<Fact>& sequence_of(const Chain& chain) {
+    if constexpr (std::is_same_v<Fact, AnchorFact<G>>) return chain.anchors;
+    else if constexpr (std::is_same_v<Fact, LandmarkFact<G>>) return chain.landmarks;
+    else if constexpr (std::is_same_v<Fact, PriorFact<G>>) return chain.priors;
+    else if constexpr (std::is_same_v<Fact, AssociationFact>) return chain.associations;
+    else return chain.verdicts;
+  }
   template <class Fact>
   Insertion keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check);
   Insertion count(Insertion result);

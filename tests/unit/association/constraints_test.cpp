@@ -159,6 +159,22 @@ TEST(IndividualCompatibility, WithoutAPriorEverythingIs) {
   EXPECT_TRUE(compatible(i, j));
 }
 
+TEST(DistanceTable, HoldsDistancesAndWhatTheJointCovarianceMakesOfThem) {
+  test::Random random(2);
+  const auto batch = test::frozen_batch(random, {}, SE2(), test::scattered(random, 6, 20.0), {0.1, 0.4});
+  const DistanceTable table(batch);
+  for (int i = 0; i < 6; ++i)
+    for (int j = 0; j < 6; ++j) {
+      if (i == j) continue;
+      const auto &p = batch.landmarks[static_cast<std::size_t>(i)], &q = batch.landmarks[static_cast<std::size_t>(j)];
+      const Eigen::Matrix2d shared = p.loading * q.loading.transpose();  // Cov(p, q)
+      const Eigen::Matrix2d difference = p.covariance + q.covariance - shared - shared.transpose();
+      const Eigen::Vector2d n = (p.position - q.position).normalized();
+      EXPECT_NEAR(table.distance(i, j), (p.position - q.position).norm(), 1e-12);
+      EXPECT_NEAR(table.variance(i, j), n.dot(difference * n), 1e-12);
+    }
+}
+
 TEST(DistanceCompatibility, AcceptsAsOftenAsItIsToldTo) {
   // Of true pairs, 99 % pass, with a shared error in the batch or without.
   for (const double shared_m : {0.0, 0.5}) {

@@ -263,7 +263,12 @@ TEST(Strangers, AVehicleThatIsNotOnTheRosterIsRefusedAndCounted) {
   const Hash facts = self.facts();
   self.step(0.0);
   EXPECT_EQ(self.facts(), facts);
-  EXPECT_EQ(self.manager.store().insertions()[static_cast<std::size_t>(Insertion::unknown_vehicle)], 4U);
+  EXPECT_EQ(self.manager.counters().unknown_senders, 3U);
+  // Nor does a member of the roster get a stranger's facts in.
+  ASSERT_EQ(stranger->send({{2, 1}, landmark_batch({9, 1}, 0, 1)}), SendStatus::sent);
+  self.step(0.5);
+  EXPECT_EQ(self.facts(), facts);
+  EXPECT_GE(self.manager.store().insertions()[static_cast<std::size_t>(Insertion::unknown_vehicle)], 1U);
   EXPECT_EQ(self.manager.store().missing_count(), 0U);
   EXPECT_EQ(self.manager.vehicles(0.0).size(), 1U);
   ASSERT_EQ(stranger->send({{2, 1}, anchor_fact({2, 1}, 1)}), SendStatus::sent);

@@ -192,7 +192,7 @@ TEST_F(VehicleTest, WithoutAFolderTheEpochComesFromTheClock) {
   const Epoch first = vehicle().snapshot().self.epoch;
   const auto now =
       std::chrono::duration_cast<std::chrono::seconds>(std::chrono::system_clock::now().time_since_epoch()).count();
-  EXPECT_NEAR(static_cast<double>(first >> 31), static_cast<double>(now), 5.0);
+  EXPECT_NEAR(static_cast<double>(first >> 12) * 1e-6, static_cast<double>(now), 5.0);
   vehicle().shutdown();
   vehicle().configure();
   EXPECT_NE(vehicle().snapshot().self.epoch, first);

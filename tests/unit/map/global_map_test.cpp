@@ -256,6 +256,29 @@ TEST(CommonFrame, WithoutAnyIsTheStartOfTheSmallestChainOfTheLargestGroup) {
   EXPECT_EQ(aligned(), (List{1, 2, 3, 4, 5}));
 }
 
+TEST(CommonFrame, IsTheStartOfTheReferenceIfOneIsNamedAndNoStaticBiasIsKnown) {
+  SampleFleet fleet(2);
+  std::vector<Key> stops;
+  for (const VehicleId v : {1U, 2U, 3U}) {
+    fleet.start(v, SE2(-10.0 * v, 0.0, 0.1 * v));
+    stops.push_back(fleet.stop(v, SE2(2.0 * v, 0.0, 0.2 * v)));
+  }
+  SelectionParams params;
+  params.reference = 3;
+  fleet.associate(1, fleet.common(stops[0], stops[1]));  // the larger group is without it
+  auto global = built(fleet.store(), params);
+  EXPECT_FALSE(global.map->aligned(test::chain_of(1)));
+  EXPECT_FALSE(global.map->aligned(test::chain_of(2)));
+  EXPECT_TRUE(global.map->aligned(test::chain_of(3)));
+  fleet.associate(2, fleet.common(stops[1], stops[2]));
+  global = built(fleet.store(), params);
+  for (const VehicleId v : {1U, 2U, 3U}) EXPECT_TRUE(global.map->aligned(test::chain_of(v))) << v;
+  EXPECT_LT(global.map->pose(test::chain_of(3), {})->mean.Log().norm(), 1e-3);
+  params.reference = 99;  // not there: nobody is in its frame
+  global = built(fleet.store(), params);
+  for (const VehicleId v : {1U, 2U, 3U}) EXPECT_FALSE(global.map->aligned(test::chain_of(v))) << v;
+}
+
 TEST(Problem, HasNodesOnlyWhereThereAreFactors) {
   SampleFleet fleet(3);
   for (const VehicleId v : {1U, 2U}) {

@@ -1,0 +1,148 @@
+#include <gtest/gtest.h>
+#include <convoy/components/vehicle.hpp>
+#include <convoy/config_error.hpp>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include "scripted_fleet.hpp"
+using namespace convoy;
+namespace {
+const double nan_ = std::numeric_limits<double>::quiet_NaN();
+AnchorFact<SE2> anchor_fact(const ChainId& chain, std::uint32_t index) {
+  AnchorFact<SE2> fact;
+  fact.key = {chain, index};
+  fact.state.stamp_s = fact.state.abscissa_m = 10.0 * index;
+  fact.state.pose = SE2(10.0 * index, 0.0, 0.0);
+  return fact;
+}
+// Somebody sends other content under a key of ours: we know best who wrote it. Ours must not look like an equivocator.
+TEST(Hardening, AnImpersonatorDoesNotMakeUsSuspectOurselves) {
+  test::ScriptedFleet fleet;
+  test::MemberOptions known;
+  known.static_bias = Estimate<SE2>{test::script_of(1)[0].truth, SE2::Covariance::Zero()};
+  fleet.add(1, known);
+  fleet.drive(50);
+  auto& self = *fleet.members[0];
+  ASSERT_EQ(self.view_of({1, 1}, fleet.now_s).integrity, Integrity::ok);
+  auto impersonator = fleet.network().join();
+  ASSERT_EQ(impersonator->send({{7, 1}, anchor_fact({1, 1}, 1)}), SendStatus::sent);
+  self.step(fleet.now_s);
+  EXPECT_EQ(self.view_of({1, 1}, fleet.now_s).reasons, static_cast<std::uint32_t>(reason_none));
+  EXPECT_EQ(self.manager.counters().facts_impersonated, 1U);
+}
+// A landmark the store refuses takes an index anyway: a hole that nobody can ever fill, in every store of the fleet.
+TEST(Hardening, ARefusedOwnLandmarkLeavesNoHole) {
+  InProcessNetwork<SE2> network;
+  const auto e1 = network.join(), e2 = network.join();
+  SubmapManager<SE2> one({1, 1}, *e1, {}), two({2, 1}, *e2, {});
+  one.open_chain(0.0, std::nullopt);
+  ChainState<SE2> s;
+  s.stamp_s = s.abscissa_m = 10.0;
+  LandmarkFact<SE2> good, bad;
+  good.covariance.setIdentity();
+  bad = good;
+  bad.position.x() = nan_;
+  one.publish_segment(s, {good, bad, good});
+  two.step(0.0);
+  EXPECT_EQ(one.store().missing_count(), 0U);
+  EXPECT_EQ(two.store().missing_count(), 0U);
+  EXPECT_TRUE(complete(one.store(), Key{{1, 1}, 1}));
+}
+// Likewise an association the store refuses (nothing in it).
+TEST(Hardening, ARefusedOwnAssociationTakesNoIndex) {
+  InProcessNetwork<SE2> network;
+  const auto e1 = network.join(), e2 = network.join();
+  SubmapManager<SE2> one({1, 1}, *e1, {}), two({2, 1}, *e2, {});
+  EXPECT_FALSE(one.publish_association({}));
+  one.publish_association({{Key{{1, 1}, 0}, Key{{2, 1}, 0}}});
+  EXPECT_EQ(one.store().missing_count(), 0U);
+}
+// A static bias that is no covariance is set-up: it ought to throw. Nothing is stated then.
+TEST(Hardening, ABadStaticBiasIsAConfigError) {
+  InProcessNetwork<SE2> network;
+  const auto e1 = network.join();
+  SubmapManager<SE2> one({1, 1}, *e1, {});
+  Estimate<SE2> bias;
+  bias.covariance(0, 0) = -1.0;
+  EXPECT_THROW(one.open_chain(0.0, bias), ConfigError);
+  EXPECT_EQ(one.store().size(), 0U);
+}
+// A peer's live pose that is not finite must not reach the host.
+TEST(Hardening, ALivePoseThatIsNotFiniteIsRefused) {
+  test::ScriptedFleet fleet;
+  test::MemberOptions known;
+  known.static_bias = Estimate<SE2>{SE2(), SE2::Covariance::Zero()};
+  auto& self = fleet.add(1, known);
+  auto peer = fleet.network().join();
+  ASSERT_EQ(peer->send({{2, 1}, anchor_fact({2, 1}, 0)}), SendStatus::sent);
+  PriorFact<SE2> prior{{{2, 1}, 0}, true, SE2(), {}};
+  ASSERT_EQ(peer->send({{2, 1}, prior}), SendStatus::sent);
+  LivePose<SE2> live;
+  live.chain = {2, 1};
+  live.state.stamp_s = 5.0;
+  live.state.pose = SE2(nan_, 0.0, 0.0);
+  live.state.drift(0, 0) = -100.0;
+  ASSERT_EQ(peer->send({{2, 1}, live}), SendStatus::sent);
+  self.step(10.0);
+  const auto view = self.view_of({2, 1}, 10.0);
+  ASSERT_TRUE(view.estimate);
+  EXPECT_TRUE(view.estimate->mean.translation().allFinite());
+}
+double zero_clock() { return 0.0; }
+// The front end closed a segment before this vehicle's chain began.
+TEST(Hardening, ASegmentClosedBeforeConfigureIsNotExported) {
+  InProcessNetwork<SE2> network;
+  FrozenLandmarks<SE2> slam;
+  VehicleParams<SE2> params;
+  params.id = 1;
+  Vehicle<SE2> vehicle(
+      params, slam, [&] { return network.join(); }, zero_clock);
+  FrontEndState<SE2> s;
+  const auto go = [&](double x) {
+    s.stamp_s = s.abscissa_m = x;
+    s.pose = SE2(x, 0.0, 0.0);
+    ASSERT_TRUE(slam.advance(s));
+  };
+  go(10.0);
+  slam.close({{SE2::Point(1, 1), Eigen::Matrix2d::Identity(), SE2::Loading::Zero(), {}, 1}});
+  go(20.0);
+  vehicle.configure();
+  ASSERT_TRUE(vehicle.feed([&] { go(30.0); }));
+  const auto snapshot = vehicle.snapshot();
+  EXPECT_EQ(snapshot.facts_missing, 0U);
+  EXPECT_EQ(snapshot.insertions[static_cast<std::size_t>(Insertion::out_of_range)], 0U);
+}
+TEST(Hardening, AnEpochFileWithANumberAndMoreIsCorruptToo) {
+  const auto folder = std::filesystem::temp_directory_path() / "convoy_failing_epoch";
+  std::filesystem::create_directories(folder);
+  InProcessNetwork<SE2> network;
+  FrozenLandmarks<SE2> slam;
+  VehicleParams<SE2> params;
+  params.id = 1;
+  params.state_folder = folder;
+  for (const char* content : {"-5\n", "12abc\n", "12 34\n", "18446744073709551615\n"}) {
+    std::ofstream(folder / "epoch", std::ios::trunc) << content;
+    Vehicle<SE2> vehicle(
+        params, slam, [&] { return network.join(); }, zero_clock);
+    EXPECT_THROW(vehicle.configure(), ConfigError) << content;
+  }
+  std::filesystem::remove_all(folder);
+}
+// "So that it grows and never repeats".
+TEST(Hardening, AnEpochFromTheClockGrowsWithinASecondToo) {
+  InProcessNetwork<SE2> network;
+  FrozenLandmarks<SE2> slam;
+  VehicleParams<SE2> params;
+  params.id = 1;
+  Vehicle<SE2> vehicle(
+      params, slam, [&] { return network.join(); }, zero_clock);
+  Epoch last = 0;
+  for (int k = 0; k < 30; ++k) {
+    vehicle.configure();
+    const Epoch epoch = vehicle.snapshot().self.epoch;
+    EXPECT_GT(epoch, last) << k;
+    last = epoch;
+    vehicle.shutdown();
+  }
+}
+}  // namespace
