@@ -40,7 +40,8 @@ template <class G>
 Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, OpenExchange open, Clock clock)
     : params_(params), front_end_(front_end), open_(std::move(open)), clock_(std::move(clock)) {
   if (params.id == 0) throw ConfigError("vehicle: id 0 means 'nobody'; use 1 or more");
-  if (!(params.step_period_s > 0.0)) throw ConfigError("vehicle: step_period_s must be > 0");
+  if (!(params.step_period_s > 0.0 && params.step_period_s <= 60.0))
+    throw ConfigError("vehicle: step_period_s must lie in (0, 60] s");
   if (params.searches_per_step < 1) throw ConfigError("vehicle: searches_per_step must be >= 1");
   validate(params.drift);
   validate(params.association);
@@ -65,11 +66,14 @@ void Vehicle<G>::configure() {
   const std::lock_guard lock(mutex_);
   if (state_ != State::unconfigured) throw ConfigError("vehicle: configure() needs the state unconfigured; shut down first");
   auto exchange = open_();
-  auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, next_epoch()}, *exchange, params_.submaps);
+  const Epoch epoch = next_epoch();
+  auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps);
   auto front_end = std::make_unique<FrontEndComponent<G>>(front_end_, *manager, params_.drift, params_.live_period_s);
   auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association);
   front_end->on_export(on_export_);
-  manager->open_chain(front_end_.state().stamp_s, params_.static_bias);
+  // The static bias is where the first epoch began; a later one begins somewhere else, which nobody knows.
+  const bool elsewhere = !params_.state_folder.empty() && epoch > 1;
+  manager->open_chain(front_end_.state().stamp_s, elsewhere ? std::nullopt : params_.static_bias);
   exchange_ = std::move(exchange);
   manager_ = std::move(manager);
   front_end_component_ = std::move(front_end);

@@ -30,12 +30,12 @@ template <class G>
 struct VehicleParams {
   VehicleId id = 0;                              ///< 1 or more, unique in the fleet
   std::filesystem::path state_folder;            ///< keeps the epoch counter; empty: the epoch comes from the clock
-  std::optional<Estimate<G>> static_bias;        ///< where it starts in the common frame, if known
+  std::optional<Estimate<G>> static_bias;        ///< where its first epoch starts in the common frame, if known
   DriftParams<G> drift;
   AssociationParams association;
   SubmapManagerParams submaps;
   double live_period_s = 1.0;                    ///< between two live poses, of the front end's time
-  double step_period_s = 0.02;                   ///< of the thread, wall time, > 0
+  double step_period_s = 0.02;                   ///< of the thread, wall time, (0, 60]
   int searches_per_step = 8;                     ///< pairs of batches compared per step at most, >= 1
 };
 

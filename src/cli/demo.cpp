@@ -91,7 +91,7 @@ class Demo {
   explicit Demo(const DemoOptions& options) : options_(options) {
     if (!(options.rate > 0.0)) throw ConfigError("demo: --rate must be > 0");
     impairment_ = Impairment::parse(options.impair);
-    if (fs::exists(options.out / "run.json"))
+    if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json"))
       throw ConfigError(options.out.string() + ": holds a run already; name another folder with --out, or delete it");
   }
 
@@ -179,6 +179,7 @@ class Demo {
       else if (agreed_since_s == 0.0) agreed_since_s = now_s;
       if (agreed_since_s > 0.0 && now_s - agreed_since_s > 1.0) break;
       if (exhausted_since_s > 0.0 && now_s - exhausted_since_s > options_.settle_timeout_s) {
+        settled_ = false;
         std::printf("\n      the vehicles do not hold the same facts %.0f s after the sensors ended; stopping all the same\n",
                     options_.settle_timeout_s);
         break;
@@ -276,7 +277,7 @@ class Demo {
     write_report(run, evaluation);
     std::printf("\n%s\n\nReport:  %s\nMetrics: %s\n", headline(run, evaluation.metrics).c_str(),
                 fs::absolute(options_.out / "report.html").c_str(), fs::absolute(options_.out / "metrics.json").c_str());
-    return alive() > 0 ? 0 : 1;
+    return alive() > 0 && settled_ ? 0 : 1;
   }
 
   DemoOptions options_;
@@ -285,6 +286,7 @@ class Demo {
   std::uint32_t domain_ = 0;
   double start_unix_s_ = 0.0;
   std::vector<Member> members_;
+  bool settled_ = true;  // all that lived held the same facts and the same map in the end
 };
 
 }  // namespace

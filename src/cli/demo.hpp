@@ -25,7 +25,7 @@ struct DemoOptions {
   std::filesystem::path profile;         ///< XML profile; default: the loopback profile that comes with convoy
 };
 
-/// Runs it all and prints progress. Returns 0 if every vehicle that lived wrote its results. Throws ConfigError.
+/// Runs it all and prints progress. Returns 0 if the vehicles that lived hold the same map in the end. Throws ConfigError.
 int run_demo(const DemoOptions& options);
 
 }  // namespace convoy::cli

@@ -186,6 +186,20 @@ TEST_F(VehicleTest, AStateFolderThatCannotBeWrittenIsAClearError) {
   EXPECT_EQ(vehicle().state(), State::unconfigured);
 }
 
+TEST_F(VehicleTest, OnlyTheFirstEpochStartsWhereTheStaticBiasSays) {
+  params_.static_bias = Estimate<SE2>{SE2(1.0, 2.0, 0.3), SE2::Covariance::Identity()};
+  const auto start_is_known = [&] {
+    bool known = false;
+    vehicle().inspect([&](auto& manager, auto&) { known = manager.store().prior(manager.self())->known; });
+    return known;
+  };
+  vehicle().configure();
+  EXPECT_TRUE(start_is_known());
+  vehicle().shutdown();
+  vehicle().configure();  // the vehicle has moved since: epoch 2 begins nobody knows where
+  EXPECT_FALSE(start_is_known());
+}
+
 TEST_F(VehicleTest, WithoutAFolderTheEpochComesFromTheClock) {
   params_.state_folder.clear();
   vehicle().configure();
