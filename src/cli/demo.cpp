@@ -79,11 +79,14 @@ void use_paper_method(VehicleConfig& c) {
   c.vehicle.association.literal_search = true;
 }
 
-std::string last_line(const fs::path& file) {
-  std::ifstream in(file);
+// Why a process gave up, by its own log; empty if it does not say.
+std::string last_error(const fs::path& log) {
+  std::ifstream in(log);
   std::string last;
   for (std::string line; std::getline(in, line);) last = line;
-  return last;
+  for (const char* level : {"[error] ", "[critical] "})
+    if (const auto at = last.find(level); at != std::string::npos) return last.substr(at + std::string(level).size());
+  return {};
 }
 
 // One vehicle of the demo, as its parent sees it.
@@ -238,7 +241,7 @@ class Demo {
     member.lost = true;
     std::printf("\n      vehicle %u is gone (%s); %s\n", member.id, member.process->ended()->c_str(),
                 others_run(member) ? "the others go on and keep its submap" : "none is left");
-    if (const std::string why = last_line(log_of(member)); !why.empty()) std::printf("      its last words: %s\n", why.c_str());
+    if (const std::string why = last_error(log_of(member)); !why.empty()) std::printf("      it says: %s\n", why.c_str());
     if (!options_.restart_lost || member.restarted) return;
     std::printf("      vehicle %u starts again, in a new epoch\n", member.id);
     member.lost = false;

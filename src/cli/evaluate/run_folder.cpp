@@ -149,8 +149,8 @@ void check_summary(const fs::path& file, const json& summary, VehicleId id) {
   for (const char* key : {"map_digest", "integrity"})
     if (!summary.contains(key) || !summary.at(key).is_string()) refuse(std::string("'") + key + "' is not there or no text");
   for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent"})
-    if (!summary.contains(key) || !summary.at(key).is_number_unsigned())
-      refuse(std::string("'") + key + "' is not there or no whole number from 0");
+    if (!summary.contains(key) || !summary.at(key).is_number() || summary.at(key).get<double>() < 0.0)
+      refuse(std::string("'") + key + "' is not there or no number from 0");
   if (summary.contains("vehicle") && summary.at("vehicle") != json(id)) refuse("it is that of another vehicle");
 }
 
@@ -167,8 +167,10 @@ void read_vehicle_files(const fs::path& folder, const std::set<VehicleId>& fleet
   if_there("map.json",
            [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.map = map_from(object); }); });
   if_there("summary.json",
-           [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.summary = object; }); });
-  if (!vehicle.summary.is_null()) check_summary(folder / "summary.json", vehicle.summary, vehicle.id);
+           [&](const fs::path& file) {
+             with_json(file, [&](const json& object) { vehicle.summary = object; });
+             check_summary(file, vehicle.summary, vehicle.id);
+           });
 }
 
 /// The ids in a list of run.json, each from 1 and there once. Throws ConfigError.

@@ -208,7 +208,7 @@ std::string outcome(const RunRecord& run, const json& m) {
   if (m.at("map_digests_equal") == json(false)) return fleet + "do not hold the same map";
   if (m.at("all_in_common_frame") == json(false)) return fleet + "have not all found one common frame";
   if (m.at("all_linked") == json(false)) return fleet + "have not all found landmarks in common";
-  return fleet + "left too little to tell whether they share one map";
+  return fleet + "left too little to judge their map by";
 }
 
 }  // namespace
@@ -228,8 +228,10 @@ std::string headline(const RunRecord& run, const json& m) {
   const json& false_pairings = a.at("false");
   if (false_pairings.is_number())
     text += " Of " + show(a.at("between_vehicles"), 0) + " landmark pairings between vehicles " +
-            count_false(a.at("between_vehicles_false")) + ", of " + show(a.at("within_a_vehicle"), 0) +
-            " within a vehicle " + count_false(a.at("within_a_vehicle_false"));
+            count_false(a.at("between_vehicles_false")) +
+            (a.at("within_a_vehicle") == json(0) ? ""
+                                                 : ", of " + show(a.at("within_a_vehicle"), 0) + " within a vehicle " +
+                                                       count_false(a.at("within_a_vehicle_false")));
   const json bytes = worst(m.at("vehicles"), "bytes_per_s_mean");
   if (bytes.is_number())
     text += std::string(false_pairings.is_number() ? "; " : " ") + "no vehicle sent more than " +
