@@ -242,6 +242,7 @@ class Demo {
     std::printf("\n      vehicle %u is gone (%s); %s\n", member.id, member.process->ended()->c_str(),
                 others_run(member) ? "the others go on and keep its submap" : "none is left");
     if (const std::string why = last_error(log_of(member)); !why.empty()) std::printf("      it says: %s\n", why.c_str());
+    std::fflush(stdout);
     if (!options_.restart_lost || member.restarted) return;
     std::printf("      vehicle %u starts again, in a new epoch\n", member.id);
     member.lost = false;
@@ -260,6 +261,7 @@ class Demo {
     if (member.impersonated || std::find(reasons.begin(), reasons.end(), "impersonated") == reasons.end()) return;
     member.impersonated = true;
     std::printf("\n      vehicle %u is SUSPECT: somebody else speaks under its id on DDS domain %u\n", member.id, domain_);
+    std::fflush(stdout);
   }
 
   std::size_t alive() const {

@@ -90,5 +90,18 @@ TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
   for (const json& vehicle : read_json(run / "metrics.json")["vehicles"]) EXPECT_EQ(vehicle["reasons"], json::array());
 }
 
+TEST(Fleets, ADemoIntoWhichAnotherFleetBreaksSaysSoAndFails) {
+  const ScratchFolder scratch;
+  const fs::path config = vehicle_one(scratch / "one"), run = scratch / "run";
+  Background demo({"demo", "--rate", "20", "--domain", domain(), "--out", run.string()}, scratch / "output");
+  ASSERT_TRUE(eventually([&] { return read_text(run / "vehicle_1/live.csv").size() > 1000; }));
+  Background other({"vehicle", config.string()}, scratch / "one/output");
+  EXPECT_EQ(demo.wait(), 1);
+  const std::string output = read_text(scratch / "output");
+  EXPECT_NE(output.find("vehicle 1 is SUSPECT: somebody else speaks under its id on DDS domain " + domain()), std::string::npos) << output;
+  EXPECT_NE(output.find("Front vehicle is SUSPECT: "), std::string::npos) << output;  // in the headline, too
+  EXPECT_TRUE(impersonated(read_json(run / "metrics.json")["vehicles"][0]));
+}
+
 }  // namespace
 }  // namespace convoy::testing
