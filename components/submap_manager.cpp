@@ -153,6 +153,9 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
     ++counters_.unknown_senders;
     return;
   }
+  // The exchange does not hand back what this vehicle sent, and what it sent in an earlier epoch is repeated by others
+  // under their own names. So this is somebody else with the same id.
+  counters_.senders_impersonated += sender == self_.vehicle;
   if (message.sender != self_) peers_[message.sender].heard_s = now_s;
   std::visit(
       [&](const auto& payload) {
@@ -183,11 +186,13 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
 template <class G>
 template <class Fact>
 void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
-  repair_.on_fact_seen(kind, fact.key);
-  if (fact.key.chain == self_) {  // all that was ever said here is held; anything else was never said
-    counters_.facts_impersonated += !store_.holds(fact);
+  const bool own = fact.key.chain == self_;
+  if (own && !store_.holds(fact)) {  // all that was ever said here is held; anything else was never said
+    ++counters_.facts_impersonated;
     return;
   }
+  repair_.on_fact_seen(kind, fact.key);
+  if (own) return;
   if (store_.insert(fact) == Insertion::inserted) ++counters_.facts_received;
 }
 
@@ -241,6 +246,9 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
     for (const ChainMark& mark : it->second.marks)
       if (mark.count != mark.high_water) reasons |= reason_missing_facts;
   }
+  if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0) reasons |= reason_impersonated;
+  if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
+    reasons |= peer->second.live->reasons & reason_impersonated;  // nobody but the vehicle itself can know
   for (const auto& [id, peer] : peers_)
     if (peer.disagrees && (id == chain || chain == self_)) reasons |= reason_disagreement;
   return reasons;

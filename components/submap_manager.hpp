@@ -47,6 +47,7 @@ struct SubmapManagerCounters {
   std::uint64_t live_unfit = 0;          ///< live poses that were not finite or beyond the limits
   std::uint64_t unknown_senders = 0;     ///< messages of vehicles that are not on the roster
   std::uint64_t facts_impersonated = 0;  ///< claimed to be this vehicle's own, and were not: refused
+  std::uint64_t senders_impersonated = 0;///< messages that somebody else has sent under this vehicle's id
   std::uint64_t sends_rejected = 0;      ///< the network would not take it; repair makes up for it
   std::uint64_t dimension_mismatch = 0;  ///< digests of fleets of another dimension
   std::uint64_t disagreements = 0;       ///< digests with our facts and another map

@@ -2,40 +2,10 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <algorithm>
 #include <chrono>
-#include <fstream>
-#include <random>
 
 namespace convoy {
-namespace {
-
-// The last epoch used, on disk; written before it is used, so that a crash can only skip numbers.
-Epoch epoch_from_folder(const std::filesystem::path& folder) {
-  const std::filesystem::path file = folder / "epoch", next = folder / "epoch.next";
-  Epoch last = 0;
-  std::error_code error;
-  std::filesystem::create_directories(folder, error);
-  if (std::filesystem::exists(file)) {
-    std::ifstream in(file);
-    std::string text;
-    std::getline(in, text);
-    const bool digits = !text.empty() && text.size() <= 18 && text.find_first_not_of("0123456789") == std::string::npos;
-    if (!digits)
-      throw ConfigError(file.string() + ":1: no epoch number; delete the file only if this vehicle's id was never used");
-    last = std::stoull(text);
-  }
-  {
-    std::ofstream out(next, std::ios::trunc);
-    out << last + 1 << '\n' << std::flush;
-    if (!out) throw ConfigError(next.string() + ": cannot write; the state folder must be writable");
-  }
-  std::filesystem::rename(next, file, error);
-  if (error) throw ConfigError(file.string() + ": cannot replace: " + error.message());
-  return last + 1;
-}
-
-}  // namespace
-
 template <class G>
 Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, OpenExchange open, Clock clock)
     : params_(params), front_end_(front_end), open_(std::move(open)), clock_(std::move(clock)) {
@@ -43,6 +13,7 @@ Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, Open
   if (!(params.step_period_s > 0.0 && params.step_period_s <= 60.0))
     throw ConfigError("vehicle: step_period_s must lie in (0, 60] s");
   if (params.searches_per_step < 1) throw ConfigError("vehicle: searches_per_step must be >= 1");
+  if (!params.fresh_epoch) throw ConfigError("vehicle: fresh_epoch must be callable; epoch_from_clock is the default");
   validate(params.drift);
   validate(params.association);
 }
@@ -52,28 +23,22 @@ Vehicle<G>::~Vehicle() {
   shutdown();
 }
 
-// Without a folder: microseconds since 1970, then twelve random bits, so that it grows and does not repeat.
-template <class G>
-Epoch Vehicle<G>::next_epoch() const {
-  if (!params_.state_folder.empty()) return epoch_from_folder(params_.state_folder);
-  const auto now = std::chrono::system_clock::now().time_since_epoch();
-  const auto us = std::chrono::duration_cast<std::chrono::microseconds>(now).count();
-  return (static_cast<Epoch>(us) << 12) | (std::random_device{}() & 0xfffU);
-}
-
 template <class G>
 void Vehicle<G>::configure() {
   const std::lock_guard lock(mutex_);
   if (state_ != State::unconfigured) throw ConfigError("vehicle: configure() needs the state unconfigured; shut down first");
+  auto folder = params_.state_folder.empty() ? nullptr : std::make_unique<StateFolder>(params_.state_folder);
   auto exchange = open_();
-  const Epoch epoch = next_epoch();
+  const auto [epoch, first] = folder ? folder->next_epoch(params_.fresh_epoch)
+                                     : StateFolder::NextEpoch{std::max(params_.fresh_epoch(), last_epoch_ + 1), last_epoch_ == 0};
+  last_epoch_ = epoch;
   auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps);
   auto front_end = std::make_unique<FrontEndComponent<G>>(front_end_, *manager, params_.drift, params_.live_period_s);
   auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association);
   front_end->on_export(on_export_);
   // The static bias is where the first epoch began; a later one begins somewhere else, which nobody knows.
-  const bool elsewhere = !params_.state_folder.empty() && epoch > 1;
-  manager->open_chain(front_end_.state().stamp_s, elsewhere ? std::nullopt : params_.static_bias);
+  manager->open_chain(front_end_.state().stamp_s, first ? params_.static_bias : std::nullopt);
+  state_folder_ = std::move(folder);
   exchange_ = std::move(exchange);
   manager_ = std::move(manager);
   front_end_component_ = std::move(front_end);
@@ -111,6 +76,7 @@ void Vehicle<G>::shutdown() {
   front_end_component_.reset();
   manager_.reset();
   exchange_.reset();
+  state_folder_.reset();  // last: nobody else speaks for this vehicle before it is silent
   state_ = State::unconfigured;
 }
 

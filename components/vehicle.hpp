@@ -10,6 +10,7 @@
 
 #include <convoy/components/association_component.hpp>
 #include <convoy/components/front_end_component.hpp>
+#include <convoy/components/state_folder.hpp>
 #include <convoy/components/submap_manager.hpp>
 #include <convoy/exchange/impairment.hpp>
 
@@ -29,7 +30,9 @@ namespace convoy {
 template <class G>
 struct VehicleParams {
   VehicleId id = 0;                              ///< 1 or more, unique in the fleet
-  std::filesystem::path state_folder;            ///< keeps the epoch counter; empty: the epoch comes from the clock
+  std::filesystem::path state_folder;            ///< keeps the last epoch and a lock (StateFolder); empty: neither
+  std::function<Epoch()> fresh_epoch = epoch_from_clock;  ///< an epoch that this vehicle id never used; a fixed number
+                                                          ///< makes runs repeatable, and collides with other runs
   std::optional<Estimate<G>> static_bias;        ///< where its first epoch starts in the common frame, if known
   DriftParams<G> drift;
   AssociationParams association;
@@ -70,7 +73,7 @@ class Vehicle {
   Vehicle& operator=(const Vehicle&) = delete;
 
   // Lifecycle, each step reversible; a call in the wrong state throws ConfigError and changes nothing.
-  void configure();   ///< unconfigured -> inactive: a new epoch, the exchange opens, the chain begins
+  void configure();   ///< unconfigured -> inactive: locks the state folder, a new epoch, the exchange opens, the chain begins
   void activate();    ///< inactive -> active: the thread starts
   void deactivate();  ///< active -> inactive: the thread stops; facts are kept, sensor input still counts
   void shutdown();    ///< any -> unconfigured: the exchange closes and the facts are gone
@@ -92,7 +95,6 @@ class Vehicle {
  private:
   void run();
   void step();
-  Epoch next_epoch() const;
 
   VehicleParams<G> params_;
   FrontEnd<G>& front_end_;
@@ -105,6 +107,8 @@ class Vehicle {
   State state_ = State::unconfigured;
   bool stop_ = false;
   std::thread thread_;
+  Epoch last_epoch_ = 0;  // of this object
+  std::unique_ptr<StateFolder> state_folder_;
   std::unique_ptr<SubmapExchange<G>> exchange_;
   std::unique_ptr<SubmapManager<G>> manager_;
   std::unique_ptr<FrontEndComponent<G>> front_end_component_;

@@ -3,10 +3,12 @@
 
 #include <tinyxml2.h>
 
+#include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstring>
-#include <fstream>
 #include <limits>
+#include <map>
 #include <set>
 #include <sstream>
 
@@ -19,6 +21,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   VehicleParams<SE2>& v = c.vehicle;
   visit("vehicle", "id", v.id);
   visit("vehicle", "state_folder", v.state_folder);
+  visit("vehicle", "first_epoch", c.first_epoch);
   visit("vehicle", "output_folder", c.output_folder);
   visit("vehicle", "roster", v.submaps.limits.roster);
   visit("vehicle", "live_period_s", v.live_period_s);
@@ -128,20 +131,20 @@ void describe(StaticBias& b, Visitor&& visit) {
 [[noreturn]] void refuse(const std::string& where, const std::string& what) { throw ConfigError(where + ": " + what); }
 
 void parse(const std::string& where, const char* text, double& value) {
-  char* end = nullptr;
-  value = std::strtod(text, &end);
-  if (end == text || *end != '\0' || !std::isfinite(value)) refuse(where, std::string("'") + text + "' is no finite number");
+  const char* const end = text + std::strlen(text);
+  const auto [rest, error] = std::from_chars(text, end, value);
+  if (error != std::errc() || rest != end || !std::isfinite(value))
+    refuse(where, std::string("'") + text + "' is no finite number; write one like 0.5, without blanks or unit");
 }
 
 template <class Integer>
   requires std::is_integral_v<Integer>
 void parse(const std::string& where, const char* text, Integer& value) {
-  char* end = nullptr;
-  errno = 0;
-  const long long number = std::strtoll(text, &end, 10);
-  const auto highest = static_cast<long long>(std::min<std::uint64_t>(std::numeric_limits<Integer>::max(),
-                                                                      std::numeric_limits<long long>::max()));
-  if (end == text || *end != '\0' || errno != 0 || number < 0 || number > highest)
+  constexpr auto highest = static_cast<std::uint64_t>(std::numeric_limits<Integer>::max());
+  std::uint64_t number = 0;
+  const char* const end = text + std::strlen(text);
+  const auto [rest, error] = std::from_chars(text, end, number);
+  if (error != std::errc() || rest != end || number > highest)
     refuse(where, std::string("'") + text + "' is no whole number from 0 to " + std::to_string(highest));
   value = static_cast<Integer>(number);
 }
@@ -204,12 +207,31 @@ std::string text_of(const std::vector<Item>& list) {
 
 // ---- reading ---------------------------------------------------------------------------------------------------
 
-std::string at(const std::filesystem::path& file, int line) { return file.string() + ":" + std::to_string(line); }
+std::string at(const std::filesystem::path& file, int line) {
+  return file.string() + ":" + std::to_string(std::max(line, 1));
+}
+
+// Where an entry stands, so that a value that is found wrong later can be pointed at.
+class Lines {
+ public:
+  void put(const std::string& element, int line) { lines_[element] = line; }
+  void put(const std::string& element, const std::string& name, int line) { lines_[element + " " + name] = line; }
+  /// Of the entry; if it is not there, of its element; else the first.
+  int of(const std::string& element, const std::string& name = {}) const {
+    for (const std::string& key : {element + " " + name, element})
+      if (const auto it = lines_.find(key); it != lines_.end()) return it->second;
+    return 1;
+  }
+
+ private:
+  std::map<std::string, int> lines_;
+};
 
 // Every attribute of `element` must be one that describe() knows for it.
 template <class Described>
-void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement& element, Described& target) {
+void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement& element, Described& target, Lines& lines) {
   std::set<std::string> known;
+  lines.put(element.Name(), element.GetLineNum());
   for (const auto* attribute = element.FirstAttribute(); attribute != nullptr; attribute = attribute->Next()) {
     bool found = false;
     describe(target, [&](const char* element_name, const char* name, auto& value) {
@@ -218,6 +240,7 @@ void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement&
       if (std::strcmp(name, attribute->Name()) != 0) return;
       const std::string where = at(file, attribute->GetLineNum()) + ": <" + element.Name() + " " + name + ">";
       parse(where, attribute->Value(), value);
+      lines.put(element_name, name, attribute->GetLineNum());
       found = true;
     });
     if (found) continue;
@@ -227,7 +250,8 @@ void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement&
            std::string("<") + element.Name() + "> has no entry '" + attribute->Name() + "'; it has: " + allowed);
   }
   for (const auto* child = element.FirstChild(); child != nullptr; child = child->NextSibling())
-    if (child->ToComment() == nullptr) refuse(at(file, child->GetLineNum()), std::string("<") + element.Name() + "> holds attributes only");
+    if (child->ToComment() == nullptr)
+      refuse(at(file, child->GetLineNum()), std::string("<") + element.Name() + "> holds attributes only; take out what stands in it");
 }
 
 std::filesystem::path beside(const std::filesystem::path& file, const std::filesystem::path& path) {
@@ -244,52 +268,136 @@ void checked(const std::filesystem::path& file, int line, Check check) {
   }
 }
 
+// The document holds one root, <convoy version="1">, and besides a declaration and comments nothing.
+const tinyxml2::XMLElement& only_root(const std::filesystem::path& file, const tinyxml2::XMLDocument& document) {
+  const tinyxml2::XMLElement* root = nullptr;
+  for (const auto* node = document.FirstChild(); node != nullptr; node = node->NextSibling()) {
+    if (node->ToComment() != nullptr || node->ToDeclaration() != nullptr) continue;
+    if (node->ToElement() == nullptr) refuse(at(file, node->GetLineNum()), "only <convoy version=\"1\"> may stand here; take this out");
+    if (root != nullptr)
+      refuse(at(file, node->GetLineNum()), std::string("a second root <") + node->Value() + ">; one file is one vehicle, with one <convoy>");
+    root = node->ToElement();
+  }
+  if (root == nullptr || std::strcmp(root->Name(), "convoy") != 0)
+    refuse(at(file, root == nullptr ? 1 : root->GetLineNum()), "the root element must be <convoy version=\"1\">");
+  const char* version = nullptr;
+  for (const auto* attribute = root->FirstAttribute(); attribute != nullptr; attribute = attribute->Next()) {
+    if (std::strcmp(attribute->Name(), "version") != 0)
+      refuse(at(file, attribute->GetLineNum()), std::string("<convoy> has no entry '") + attribute->Name() + "'; it has: version");
+    version = attribute->Value();
+  }
+  if (version == nullptr || std::strcmp(version, "1") != 0)
+    refuse(at(file, root->GetLineNum()), std::string("<convoy> needs version=\"1\", the only one there is") +
+                                             (version == nullptr ? "" : std::string(", not '") + version + "'"));
+  return *root;
+}
+
+// Ranges that no stage checks by itself.
+void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, const Lines& lines) {
+  const auto demand = [&](bool holds, const char* element, const char* name, const std::string& range) {
+    if (!holds) refuse(at(file, lines.of(element, name)), std::string("<") + element + " " + name + "> must " + range);
+  };
+  const auto above_zero = [&](double value, const char* element, const char* name) {
+    demand(value > 0.0, element, name, "be > 0");
+  };
+  const auto confidence = [&](double value, const char* element, const char* name) {
+    demand(value > 0.0 && value < 1.0, element, name, "lie in (0, 1)");
+  };
+  const VehicleParams<SE2>& v = c.vehicle;
+  if (v.id == 0) refuse(at(file, lines.of("vehicle", "id")), "<vehicle id=\"N\"/> with N >= 1 is needed");
+  above_zero(v.live_period_s, "vehicle", "live_period_s");
+  demand(v.step_period_s > 0.0 && v.step_period_s <= 60.0, "vehicle", "step_period_s", "lie in (0, 60] s");
+  demand(v.searches_per_step >= 1, "vehicle", "searches_per_step", "be 1 or more");
+  demand(c.first_epoch == 0 || !v.state_folder.empty(), "vehicle", "first_epoch",
+         "stand beside a state_folder; without one every start would use the same epoch again");
+  demand(c.first_epoch < std::numeric_limits<Epoch>::max(), "vehicle", "first_epoch", "leave room for later ones");
+  const auto& roster = v.submaps.limits.roster;
+  const std::set<VehicleId> members(roster.begin(), roster.end());
+  demand(members.count(0) == 0 && members.size() == roster.size(), "vehicle", "roster", "name each vehicle once, by ids of 1 or more");
+  demand(roster.empty() || members.count(v.id) != 0, "vehicle", "roster", "name this vehicle, too: " + std::to_string(v.id));
+
+  demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
+  above_zero(c.sensors.rate, "sensors", "rate");
+  demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
+
+  above_zero(v.submaps.map_period_s, "map", "period_s");
+  above_zero(v.submaps.stale_peer_s, "map", "stale_peer_s");
+  demand(v.submaps.selection.min_pairings >= 3, "map", "min_pairings", "be 3 or more; two pairs align with anything");
+  confidence(v.submaps.selection.residual, "map", "residual");
+  confidence(v.submaps.selection.map_residual, "map", "map_residual");
+  const VehicleId reference = v.submaps.selection.reference;
+  demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle", "be on the roster, or 0");
+
+  const RepairParams& r = v.submaps.repair;
+  above_zero(r.digest_period_s, "repair", "digest_period_s");
+  demand(r.grace_s >= 0.0, "repair", "grace_s", "be >= 0");
+  above_zero(r.backoff_min_s, "repair", "backoff_min_s");
+  demand(r.backoff_max_s >= r.backoff_min_s, "repair", "backoff_max_s", "be at least backoff_min_s");
+  demand(r.relay_delay_s >= 0.0, "repair", "relay_delay_s", "be >= 0");
+  demand(r.max_ranges >= 1 && r.max_ranges <= 64, "repair", "max_ranges", "lie in 1..64");
+  above_zero(r.answers_per_s, "repair", "answers_per_s");
+  demand(r.batch_limit >= 1 && r.batch_limit <= 64, "repair", "batch_limit", "lie in 1..64");
+}
+
+Estimate<SE2> estimate_of(const std::filesystem::path& file, const StaticBias& b, const Lines& lines) {
+  for (const auto& [name, value] : {std::pair("sigma_x_m", b.sigma_x_m), std::pair("sigma_y_m", b.sigma_y_m),
+                                    std::pair("sigma_theta_rad", b.sigma_theta_rad)})
+    if (!(value >= 0.0)) refuse(at(file, lines.of("static_bias", name)), std::string("<static_bias ") + name + "> must be >= 0");
+  const SE2::Tangent sigma(b.sigma_x_m, b.sigma_y_m, b.sigma_theta_rad);
+  return {SE2(b.x_m, b.y_m, b.theta_rad), sigma.cwiseAbs2().asDiagonal()};
+}
+
+void load_document(const std::filesystem::path& file, tinyxml2::XMLDocument& document) {
+  std::error_code error;
+  if (!std::filesystem::exists(file, error)) refuse(file.string(), "no such file");
+  if (std::filesystem::is_directory(file, error)) refuse(file.string(), "a folder; name the XML file in it");
+  const auto result = document.LoadFile(file.string().c_str());
+  if (result == tinyxml2::XML_ERROR_FILE_NOT_FOUND || result == tinyxml2::XML_ERROR_FILE_COULD_NOT_BE_OPENED ||
+      result == tinyxml2::XML_ERROR_FILE_READ_ERROR)
+    refuse(file.string(), "cannot be read; check its permissions");
+  if (result != tinyxml2::XML_SUCCESS)
+    refuse(at(file, document.ErrorLineNum()), std::string("not well-formed XML: ") + document.ErrorName());
+}
+
 }  // namespace
 
 VehicleConfig load_vehicle_config(const std::filesystem::path& file) {
   tinyxml2::XMLDocument document;
-  if (document.LoadFile(file.string().c_str()) != tinyxml2::XML_SUCCESS) {
-    if (document.ErrorID() == tinyxml2::XML_ERROR_FILE_NOT_FOUND) refuse(file.string(), "no such file");
-    refuse(at(file, document.ErrorLineNum()), std::string("not well-formed XML: ") + document.ErrorName());
-  }
-  const tinyxml2::XMLElement* root = document.RootElement();
-  if (root == nullptr || std::strcmp(root->Name(), "convoy") != 0) refuse(at(file, 1), "the root element must be <convoy version=\"1\">");
-  if (root->IntAttribute("version") != 1) refuse(at(file, root->GetLineNum()), "<convoy> needs version=\"1\"");
+  load_document(file, document);
+  const tinyxml2::XMLElement& root = only_root(file, document);
 
   VehicleConfig config;
   config.file = file;
   std::set<std::string> elements{"static_bias"}, seen;
   describe(config, [&](const char* element, const char*, auto&) { elements.insert(element); });
-  int drift_line = 1, front_end_line = 1, association_line = 1, vehicle_line = root->GetLineNum();
-  for (const auto* element = root->FirstChildElement(); element != nullptr; element = element->NextSiblingElement()) {
+  Lines lines;
+  lines.put("vehicle", root.GetLineNum());
+  for (const auto* child = root.FirstChild(); child != nullptr; child = child->NextSibling()) {
+    if (child->ToComment() != nullptr) continue;
+    const int line = child->GetLineNum();
+    const auto* element = child->ToElement();
+    if (element == nullptr) refuse(at(file, line), "<convoy> holds elements and comments only; take out the text in it");
     const std::string name = element->Name();
-    const int line = element->GetLineNum();
     if (!elements.count(name)) {
       std::string allowed;
       for (const std::string& known : elements) allowed += (allowed.empty() ? "<" : ", <") + known + ">";
       refuse(at(file, line), "no such element <" + name + ">; there are: " + allowed);
     }
-    if (!seen.insert(name).second) refuse(at(file, line), "<" + name + "> stands here for the second time");
+    if (!seen.insert(name).second) refuse(at(file, line), "<" + name + "> stands here for the second time; put both into one");
     if (name == "static_bias") {
-      StaticBias b;
-      read_element(file, *element, b);
-      if (b.sigma_x_m < 0 || b.sigma_y_m < 0 || b.sigma_theta_rad < 0) refuse(at(file, line), "<static_bias> sigmas must be >= 0");
-      const SE2::Tangent sigma(b.sigma_x_m, b.sigma_y_m, b.sigma_theta_rad);
-      config.vehicle.static_bias = Estimate<SE2>{SE2(b.x_m, b.y_m, b.theta_rad), sigma.cwiseAbs2().asDiagonal()};
+      StaticBias bias;
+      read_element(file, *element, bias, lines);
+      config.vehicle.static_bias = estimate_of(file, bias, lines);
     } else {
-      read_element(file, *element, config);
+      read_element(file, *element, config, lines);
     }
-    if (name == "drift") drift_line = line;
-    if (name == "front_end") front_end_line = line;
-    if (name == "association") association_line = line;
-    if (name == "vehicle") vehicle_line = line;
   }
-  if (config.vehicle.id == 0) refuse(at(file, vehicle_line), "<vehicle id=\"N\"/> with N >= 1 is needed");
-  if (config.dds.domain > 232) refuse(file.string(), "<dds domain> must lie in 0..232");
-  if (!(config.sensors.rate > 0)) refuse(file.string(), "<sensors rate> must be > 0");
-  checked(file, drift_line, [&] { validate(config.vehicle.drift); });
-  checked(file, front_end_line, [&] { validate(config.front_end); });
-  checked(file, association_line, [&] { validate(config.vehicle.association); });
+  check_ranges(file, config, lines);
+  checked(file, lines.of("drift"), [&] { validate(config.vehicle.drift); });
+  checked(file, lines.of("front_end"), [&] { validate(config.front_end); });
+  checked(file, lines.of("association"), [&] { validate(config.vehicle.association); });
+  checked(file, lines.of("impairment"), [&] { validate(config.impairment); });
+  if (config.first_epoch != 0) config.vehicle.fresh_epoch = [epoch = config.first_epoch] { return epoch; };
 
   config.dds.profile_file = beside(file, config.dds.profile_file).string();
   config.sensors.file = beside(file, config.sensors.file);

@@ -2,14 +2,15 @@
 // errors with file and line; what is left out keeps its default. `convoy vehicle` runs exactly this.
 //
 //   <convoy version="1">
-//     <vehicle id="2" state_folder="state" roster="1 2 3"/>
+//     <vehicle id="2" state_folder="state" roster="1 2 3"/>  <!-- first_epoch="1": repeatable, see below -->
 //     <static_bias x_m="0" y_m="0" theta_rad="0" sigma_x_m="9" sigma_y_m="9" sigma_theta_rad="0.3"/>
 //     <dds domain="7" profile="loopback.xml" interfaces="127.0.0.1"/>
 //     <front_end sigma_range_m="0.1" .../>  <drift .../>  <association .../>  <map .../>  <repair .../>
 //     <sensors file="sensors.csv" rate="1"/>
 //   </convoy>
 //
-// Paths are relative to the folder of the file.
+// Paths are relative to the folder of the file. `first_epoch` replaces the clock as the source of epochs: a run can then be
+// repeated to the bit, and must be alone on its domain.
 #pragma once
 
 #include <convoy/components/vehicle.hpp>
@@ -31,6 +32,7 @@ struct SensorLogConfig {
 struct VehicleConfig {
   std::filesystem::path file;   ///< where it was read from
   VehicleParams<SE2> vehicle;
+  Epoch first_epoch = 0;        ///< of a fresh state folder; 0: by the clock, as it should be outside of trials
   RangeBearingEkfParams front_end;
   dds::DdsConfig dds;
   Impairment impairment;        ///< of what is received, above the middleware; for trials

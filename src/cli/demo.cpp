@@ -2,6 +2,7 @@
 
 #include <convoy/components/vehicle_config.hpp>
 #include <convoy/config_error.hpp>
+#include <convoy/dds/dds_exchange.hpp>
 
 #include <nlohmann/json.hpp>
 
@@ -10,6 +11,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
+#include <fstream>
 #include <memory>
 #include <set>
 #include <thread>
@@ -77,6 +79,16 @@ void use_paper_method(VehicleConfig& c) {
   c.vehicle.association.literal_search = true;
 }
 
+// Why a process gave up, by its own log; empty if it does not say.
+std::string last_error(const fs::path& log) {
+  std::ifstream in(log);
+  std::string last;
+  for (std::string line; std::getline(in, line);) last = line;
+  for (const char* level : {"[error] ", "[critical] "})
+    if (const auto at = last.find(level); at != std::string::npos) return last.substr(at + std::string(level).size());
+  return {};
+}
+
 // One vehicle of the demo, as its parent sees it.
 struct Member {
   VehicleId id = 0;
@@ -85,6 +97,7 @@ struct Member {
   json status;       // its last status line
   bool lost = false;
   bool restarted = false;
+  bool impersonated = false;
 };
 
 class Demo {
@@ -100,7 +113,9 @@ class Demo {
     std::printf("[1/4] scenario: ");
     std::fflush(stdout);
     scenario_ = make_scenario(options_);
+    choose_domain();  // before anything is written
     scenario_.write(options_.out);
+    write_text_file(options_.out / "profile.xml", read_text_file(profile_file()));
     std::printf("%s, %zu vehicles, %.0f s at %gx\n", scenario_.name.c_str(), scenario_.vehicles.size(),
                 scenario_.duration_s, options_.rate);
     write_configs();
@@ -123,16 +138,38 @@ class Demo {
     throw ConfigError("demo: loopback.xml not found; name it with --profile");
   }
 
+  // Vehicles of another fleet that are heard on the domain, before ours speak. Both fleets would number their vehicles
+  // alike and become one.
+  std::size_t strangers(std::uint32_t domain) const {
+    constexpr double discovery_s = 1.0;  // announcements of the profile: five, 0.2 s apart
+    dds::DdsConfig listen;
+    listen.domain = domain;
+    listen.profile_file = profile_file().string();
+    const dds::DdsExchange<SE2> ear(listen);
+    return ear.wait_for_peers(1, discovery_s) ? ear.peers() : 0;
+  }
+
+  void choose_domain() {
+    constexpr std::uint32_t first = 20, count = 80;  // beyond 99 the ports of a domain are those of other programs
+    const auto own = static_cast<std::uint32_t>(getpid());
+    domain_ = options_.domain.value_or(first + own % count);
+    for (std::uint32_t attempt = 1; strangers(domain_) > 0; ++attempt) {
+      if (options_.domain || attempt == 8)
+        throw ConfigError("demo: another convoy fleet is heard on DDS domain " + std::to_string(domain_) +
+                          "; wait for its end, or name a domain of its own with --domain");
+      domain_ = first + (domain_ - first + 1 + own / count % (count - 2)) % count;
+    }
+  }
+
   void write_configs() {
-    domain_ = options_.domain.value_or(20 + static_cast<std::uint32_t>(getpid()) % 80);
     start_unix_s_ = unix_now_s() + 1.0 + 0.2 * static_cast<double>(scenario_.vehicles.size());
-    write_text_file(options_.out / "profile.xml", read_text_file(profile_file()));
     std::vector<VehicleId> roster;
     for (const VehicleLog& log : scenario_.vehicles) roster.push_back(log.id);
     for (const VehicleLog& log : scenario_.vehicles) {
       VehicleConfig c;
       c.vehicle.id = log.id;
       c.vehicle.state_folder = "state";
+      c.first_epoch = options_.first_epoch;
       c.vehicle.submaps.limits.roster = roster;
       c.vehicle.step_period_s = std::clamp(0.1 / options_.rate, 0.005, 0.05);
       c.vehicle.live_period_s = 1.0;
@@ -157,10 +194,12 @@ class Demo {
     }
   }
 
+  fs::path log_of(const Member& member) const { return vehicle_folder(options_.out, member.id) / "log.txt"; }
+
   void start(Member& member) {
     member.process = std::make_unique<ChildProcess>(
         std::vector<std::string>{this_program().string(), "vehicle", member.config.string()},
-        vehicle_folder(options_.out, member.id) / "log.txt");
+        log_of(member));
     member.status = json::object();
   }
 
@@ -197,16 +236,32 @@ class Demo {
       json status = json::parse(line, nullptr, false);
       if (status.is_object()) member.status = std::move(status);
     }
+    watch_integrity(member);
     if (!member.process->ended()) return;
-    std::printf("\n      vehicle %u is gone (%s); the others go on and keep its submap\n", member.id,
-                member.process->ended()->c_str());
-    if (options_.restart_lost && !member.restarted) {
-      std::printf("      vehicle %u starts again, in a new epoch\n", member.id);
-      member.restarted = true;
-      start(member);
-    } else {
-      member.lost = true;
-    }
+    member.lost = true;
+    std::printf("\n      vehicle %u is gone (%s); %s\n", member.id, member.process->ended()->c_str(),
+                others_run(member) ? "the others go on and keep its submap" : "none is left");
+    if (const std::string why = last_error(log_of(member)); !why.empty()) std::printf("      it says: %s\n", why.c_str());
+    std::fflush(stdout);
+    if (!options_.restart_lost || member.restarted) return;
+    std::printf("      vehicle %u starts again, in a new epoch\n", member.id);
+    member.lost = false;
+    member.restarted = true;
+    start(member);
+  }
+
+  bool others_run(const Member& gone) const {
+    return std::any_of(members_.begin(), members_.end(),
+                       [&](const Member& m) { return m.id != gone.id && !m.lost && !m.process->ended(); });
+  }
+
+  // Says so at once when somebody else speaks in a vehicle's name: what comes of the run is worth nothing then.
+  void watch_integrity(Member& member) {
+    const json reasons = member.status.value("reasons", json::array());
+    if (member.impersonated || std::find(reasons.begin(), reasons.end(), "impersonated") == reasons.end()) return;
+    member.impersonated = true;
+    std::printf("\n      vehicle %u is SUSPECT: somebody else speaks under its id on DDS domain %u\n", member.id, domain_);
+    std::fflush(stdout);
   }
 
   std::size_t alive() const {
@@ -220,8 +275,8 @@ class Demo {
   bool agreed() const {
     std::set<std::string> facts, maps;
     return all_alive([&](const json& s) {
-      facts.insert(s.value("facts", ""));
-      maps.insert(s.value("map", ""));
+      facts.insert(s.value("facts_digest", ""));
+      maps.insert(s.value("map_digest", ""));
       return s.value("exhausted", false) && s.value("settled", false) && facts.size() == 1 && maps.size() == 1;
     });
   }
@@ -230,10 +285,10 @@ class Demo {
     double t_s = 0.0;
     std::string text;
     for (const Member& m : members_) {
-      t_s = std::max(t_s, std::min(m.status.value("t_s", 0.0), scenario_.duration_s));
+      t_s = std::max(t_s, std::min(m.status.value("vehicle_s", 0.0), scenario_.duration_s));
       char part[96];
       std::snprintf(part, sizeof part, "  v%u %s %d/%d", m.id, m.lost ? "LOST" : m.status.value("integrity", "...").c_str(),
-                    m.status.value("exported", 0), m.status.value("known", 0));
+                    m.status.value("landmarks_exported", 0), m.status.value("landmarks_known", 0));
       text += part;
     }
     std::printf("%s      %3.0f %%  t %4.0f s%s%s", isatty(STDOUT_FILENO) ? "\r" : "",
@@ -250,7 +305,7 @@ class Demo {
       if (!member.lost && (!member.process->wait(30.0) || !member.process->succeeded())) {
         std::printf("      vehicle %u did not end well (%s); see %s\n", member.id,
                     member.process->ended().value_or("no answer to SIGTERM").c_str(),
-                    (vehicle_folder(options_.out, member.id) / "log.txt").c_str());
+                    log_of(member).c_str());
         member.lost = true;
       }
       if (member.lost) lost.push_back(member.id);
@@ -278,7 +333,8 @@ class Demo {
     write_report(run, evaluation);
     std::printf("\n%s\n\nReport:  %s\nMetrics: %s\n", headline(run, evaluation.metrics).c_str(),
                 fs::absolute(options_.out / "report.html").c_str(), fs::absolute(options_.out / "metrics.json").c_str());
-    return alive() > 0 && settled_ ? 0 : 1;
+    const bool alone = std::none_of(members_.begin(), members_.end(), [](const Member& m) { return m.impersonated; });
+    return alive() > 0 && settled_ && alone && evaluation.metrics.at("map_digests_equal") == json(true) ? 0 : 1;
   }
 
   DemoOptions options_;

@@ -21,7 +21,8 @@ struct DemoOptions {
   bool literal = false;                  ///< the paper's own method: literal drift, EKF map, Fig. 5 search
   bool restart_lost = false;             ///< start a vehicle whose process died again, once
   double settle_timeout_s = 60.0;        ///< wall time the fleet gets to agree after its sensors have ended
-  std::optional<std::uint32_t> domain;   ///< DDS domain; default: by process id
+  std::optional<std::uint32_t> domain;   ///< DDS domain; default: by process id, one where no other fleet is heard
+  Epoch first_epoch = 0;                 ///< of every vehicle, so that a run can be repeated to the bit; 0: by the clock
   std::filesystem::path profile;         ///< XML profile; default: the loopback profile that comes with convoy
 };
 

@@ -4,15 +4,15 @@
 #include <convoy/geometry/covariance.hpp>
 
 #include <nlohmann/json.hpp>
+#include <spdlog/spdlog.h>
 
 #include <sys/resource.h>
 
-#include <array>
-#include <cstdio>
 #include <map>
 
 #include "evaluate/run_folder.hpp"
 #include "scenario/table_file.hpp"
+#include "vehicle_status.hpp"
 
 namespace convoy::cli {
 namespace {
@@ -151,18 +151,6 @@ std::string facts_lines(const FactStore<SE2>& store) {
   return text;
 }
 
-json reason_names(std::uint32_t reasons) {
-  json names = json::array();
-  const std::array<std::pair<std::uint32_t, const char*>, 5> table{{{reason_innovation, "innovation"},
-                                                                    {reason_disagreement, "disagreement"},
-                                                                    {reason_stale_peer, "stale_peer"},
-                                                                    {reason_equivocation, "equivocation"},
-                                                                    {reason_missing_facts, "missing_facts"}}};
-  for (const auto& [bit, name] : table)
-    if (reasons & bit) names.push_back(name);
-  return names;
-}
-
 json counters_json(const VehicleSnapshot<SE2>& s) {
   json c;
   c["facts_published"] = s.submaps.facts_published;
@@ -171,6 +159,7 @@ json counters_json(const VehicleSnapshot<SE2>& s) {
   c["live_unfit"] = s.submaps.live_unfit;
   c["unknown_senders"] = s.submaps.unknown_senders;
   c["facts_impersonated"] = s.submaps.facts_impersonated;
+  c["senders_impersonated"] = s.submaps.senders_impersonated;
   c["sends_rejected"] = s.submaps.sends_rejected;
   c["disagreements"] = s.submaps.disagreements;
   c["maps_built"] = s.submaps.maps_built;
@@ -199,12 +188,6 @@ double peak_rss_mb() {
 
 }  // namespace
 
-std::string hex(Hash hash) {
-  char text[17];
-  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
-  return text;
-}
-
 VehicleOutput::VehicleOutput(const std::filesystem::path& folder) : folder_(folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
@@ -215,7 +198,9 @@ VehicleOutput::VehicleOutput(const std::filesystem::path& folder) : folder_(fold
 
 std::ofstream VehicleOutput::appending(const std::string& name, std::string_view header) {
   const std::filesystem::path file = folder_ / name;
-  const bool fresh = !std::filesystem::exists(file) || std::filesystem::file_size(file) == 0;
+  std::error_code none;
+  const auto size = std::filesystem::file_size(file, none);
+  const bool fresh = none || size == 0;
   std::ofstream out(file, std::ios::app);
   if (fresh) out << header << '\n' << std::flush;
   if (!out) throw ConfigError(file.string() + ": cannot write; is the output folder writable?");
@@ -247,6 +232,10 @@ void VehicleOutput::write_live(double t_s, const VehicleSnapshot<SE2>& snapshot,
   std::string traffic;
   append_csv_row(traffic, t_s, snapshot.exchange.bytes_sent, snapshot.exchange.messages_sent);
   traffic_ << traffic << std::flush;
+  if (complete_ && (!live_ || !traffic_ || !labels_)) {  // the vehicle drives on: its map matters more than its log
+    complete_ = false;
+    spdlog::error("{}: what happens is no longer written; is the disk full?", folder_.string());
+  }
 }
 
 void VehicleOutput::write_end(double t_s, const VehicleSnapshot<SE2>& snapshot, SubmapManager<SE2>& manager,
@@ -264,22 +253,7 @@ void VehicleOutput::write_end(double t_s, const VehicleSnapshot<SE2>& snapshot, 
   write_text_file(folder_ / "map.json", map_json(manager).dump(1) + "\n");
   write_text_file(folder_ / "facts.jsonl", facts_lines(manager.store()));
 
-  json summary;
-  summary["vehicle"] = snapshot.self.vehicle;
-  summary["epoch"] = snapshot.self.epoch;
-  summary["landmarks_exported"] = snapshot.landmarks_exported;
-  summary["landmarks_known"] = snapshot.landmarks_known;
-  summary["facts_missing"] = snapshot.facts_missing;
-  summary["bytes_sent"] = snapshot.exchange.bytes_sent;
-  summary["requests_sent"] = snapshot.repair.requests_sent;
-  for (const VehicleState<SE2>& v : snapshot.vehicles)
-    if (v.chain == snapshot.self) {
-      summary["integrity"] = to_string(v.integrity);
-      summary["reasons"] = reason_names(v.reasons);
-    }
-  summary["map_digest"] = hex(manager.map().map->digest());
-  summary["facts_digest"] = hex(snapshot.facts_digest);
-  summary["vehicle_s"] = t_s;
+  json summary = vehicle_status(t_s, snapshot);
   summary["peak_rss_mb"] = peak_rss_mb();
   summary["counters"] = counters_json(snapshot);
   write_text_file(folder_ / "summary.json", summary.dump(1) + "\n");

@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <fstream>
 #include <string>
+#include <string_view>
 
 namespace convoy::cli {
 
@@ -26,9 +27,7 @@ class VehicleOutput {
 
   std::filesystem::path folder_;
   std::ofstream live_, traffic_, labels_;
+  bool complete_ = true;  ///< everything could be written so far
 };
-
-/// Sixteen hex digits.
-std::string hex(Hash hash);
 
 }  // namespace convoy::cli

@@ -1,5 +1,7 @@
 #include "vehicle_process.hpp"
 
+#include <convoy/config_error.hpp>
+
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
 
@@ -11,6 +13,7 @@
 
 #include "scenario/scenario.hpp"
 #include "vehicle_output.hpp"
+#include "vehicle_status.hpp"
 
 namespace convoy::cli {
 namespace {
@@ -50,20 +53,9 @@ class LogReplay {
   bool finished_ = false;
 };
 
-void print_status(double t_s, bool exhausted, const VehicleSnapshot<SE2>& s) {
-  nlohmann::json line;
-  line["t_s"] = t_s;
+void print_status(double t_s, bool exhausted, const VehicleSnapshot<SE2>& snapshot) {
+  nlohmann::json line = vehicle_status(t_s, snapshot);
   line["exhausted"] = exhausted;
-  line["settled"] = s.settled;
-  line["facts"] = hex(s.facts_digest);
-  line["map"] = hex(s.map_digest);
-  line["exported"] = s.landmarks_exported;
-  line["known"] = s.landmarks_known;
-  line["missing"] = s.facts_missing;
-  line["associations"] = s.association.accepted;
-  line["bytes"] = s.exchange.bytes_sent;
-  for (const VehicleState<SE2>& v : s.vehicles)
-    if (v.chain == s.self) line["integrity"] = to_string(v.integrity);
   std::printf("%s\n", line.dump().c_str());
   std::fflush(stdout);
 }
@@ -75,7 +67,11 @@ int run_vehicle(const VehicleConfig& config, bool until_end, double status_perio
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGPIPE, SIG_IGN);
 
+  if (config.sensors.file.empty())
+    throw ConfigError(config.file.string() + ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
   const std::vector<SensorEvent> events = read_sensors(config.sensors.file);
+  if (events.empty())
+    throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
   VehicleOutput output(config.output_folder);
   RangeBearingEkf slam(config.front_end);
   const double start_s = config.sensors.start_unix_s > 0.0 ? config.sensors.start_unix_s : unix_now_s();

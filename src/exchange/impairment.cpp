@@ -4,10 +4,31 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <cstdlib>
 #include <string>
 
 namespace convoy {
+
+namespace {
+
+constexpr double longest_s = 3600.0;
+
+void demand(bool holds, const char* name, double value, const char* range) {
+  if (holds) return;
+  char text[128];
+  std::snprintf(text, sizeof text, "impairment: %s is %g; it must lie in %s", name, value, range);
+  throw ConfigError(text);
+}
+
+}  // namespace
+
+void validate(const Impairment& i) {
+  demand(i.loss >= 0.0 && i.loss < 1.0, "loss", i.loss, "[0, 1)");
+  demand(i.duplicate >= 0.0 && i.duplicate <= 1.0, "duplicate", i.duplicate, "[0, 1]");
+  demand(i.delay_s >= 0.0 && i.delay_s <= longest_s, "delay", i.delay_s, "[0, 3600] s");
+  demand(i.jitter_s >= 0.0 && i.jitter_s <= longest_s, "jitter", i.jitter_s, "[0, 3600] s");
+}
 
 Impairment Impairment::parse(std::string_view text) {
   Impairment result;
@@ -21,16 +42,23 @@ Impairment Impairment::parse(std::string_view text) {
     char* rest = nullptr;
     const char* digits = equals == std::string::npos ? "" : entry.c_str() + equals + 1;
     const double value = std::strtod(digits, &rest);
-    const bool number = rest != digits && *rest == '\0' && value >= 0.0 && value < 1e18;
-    const bool share = number && value <= 1.0;
-    if (name == "loss" && share && value < 1.0) result.loss = value;
-    else if (name == "duplicate" && share) result.duplicate = value;
+    const bool number = rest != digits && *rest == '\0';
+    const bool seed = number && value >= 0.0 && value == std::floor(value) && value < 0x1p53;
+    std::string fault;
+    if (name == "loss" && number) result.loss = value;
+    else if (name == "duplicate" && number) result.duplicate = value;
     else if (name == "delay" && number) result.delay_s = value;
     else if (name == "jitter" && number) result.jitter_s = value;
-    else if (name == "seed" && number && value == std::floor(value) && value < 0x1p53) result.seed = static_cast<std::uint64_t>(value);
-    else
-      throw ConfigError("impairment '" + all + "': cannot use '" + entry +
-                        "'; write loss=0..1,duplicate=0..1,delay=SECONDS,jitter=SECONDS,seed=N");
+    else if (name == "seed" && seed) result.seed = static_cast<std::uint64_t>(value);
+    else fault = "impairment: no such entry";
+    try {
+      if (fault.empty()) validate(result);
+    } catch (const ConfigError& error) {
+      fault = error.what();
+    }
+    if (!fault.empty())
+      throw ConfigError("impairment '" + all + "': cannot use '" + entry + "' (" + fault.substr(fault.find(' ') + 1) +
+                        "); write loss=0..1,duplicate=0..1,delay=SECONDS,jitter=SECONDS,seed=N");
   }
   return result;
 }

@@ -14,8 +14,8 @@ namespace convoy {
 struct Impairment {
   double loss = 0.0;         ///< probability in [0, 1) that a message is lost
   double duplicate = 0.0;    ///< probability in [0, 1] that it comes twice
-  double delay_s = 0.0;      ///< every message is late by this
-  double jitter_s = 0.0;     ///< and by a uniform share of this more, so that messages overtake each other
+  double delay_s = 0.0;      ///< every message is late by this, [0, 3600]
+  double jitter_s = 0.0;     ///< and by a uniform share of this more, [0, 3600], so that messages overtake each other
   std::uint64_t seed = 1;
   bool any() const { return loss > 0 || duplicate > 0 || delay_s > 0 || jitter_s > 0; }
 
@@ -23,11 +23,17 @@ struct Impairment {
   static Impairment parse(std::string_view text);
 };
 
+/// Throws ConfigError that names the first value out of its range.
+void validate(const Impairment& impairment);
+
 /// Holds messages back by an Impairment. Messages with equal due times leave in order of arrival.
 template <class G>
 class ImpairedQueue {
  public:
-  explicit ImpairedQueue(const Impairment& impairment) : impairment_(impairment), random_(impairment.seed) {}
+  /// Throws ConfigError; see validate().
+  explicit ImpairedQueue(const Impairment& impairment) : impairment_(impairment), random_(impairment.seed) {
+    validate(impairment);
+  }
   void push(Message<G> message, double now_s);
   std::vector<Message<G>> take(double now_s);
   std::uint64_t lost() const { return lost_; }

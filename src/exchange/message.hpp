@@ -26,6 +26,7 @@ enum IntegrityReason : std::uint32_t {
   reason_stale_peer = 1U << 2,     ///< nothing heard of the vehicle for longer than the limit
   reason_equivocation = 1U << 3,   ///< the vehicle used a key twice with different contents
   reason_missing_facts = 1U << 4,  ///< facts are known to exist that have not arrived
+  reason_impersonated = 1U << 5,   ///< somebody else has spoken in the vehicle's name: two vehicles have its id
 };
 
 /// Landmarks frozen together, in the frame of one anchor (all of one chain, same `anchor`).

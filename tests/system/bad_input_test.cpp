@@ -1,6 +1,9 @@
 // Bad input on the command line and in files: exit status 2 and one line that says what, where and how to mend it.
 #include <gtest/gtest.h>
 
+#include <unistd.h>
+
+#include <csignal>
 #include <fstream>
 
 #include "command.hpp"
@@ -8,12 +11,140 @@
 namespace convoy::testing {
 namespace {
 
-void write(const std::filesystem::path& file, const std::string& text) { std::ofstream(file) << text; }
+namespace fs = std::filesystem;
+
+void write(const fs::path& file, const std::string& text) {
+  fs::create_directories(file.parent_path());
+  std::ofstream(file, std::ios::binary) << text;
+}
+
+/// One line of it is the error; what stands before is the log of a vehicle that began.
+std::size_t errors_in(const std::string& output) {
+  std::size_t count = 0;
+  for (std::size_t at = output.find("[error]"); at != std::string::npos; at = output.find("[error]", at + 1)) ++count;
+  return count;
+}
 
 void expect_refusal(const std::string& arguments, const std::string& words) {
   const Outcome outcome = run_convoy(arguments);
   EXPECT_EQ(outcome.status, 2) << outcome.output;
   EXPECT_NE(outcome.output.find(words), std::string::npos) << outcome.output;
+  EXPECT_EQ(errors_in(outcome.output), 1U) << outcome.output;
+}
+
+const std::string sensors_header = "t_s,kind,a,b,c\n";
+
+/// A vehicle that would run: `vehicle` are further entries of its element, `sensors` is its log.
+class BadVehicle : public ::testing::Test {
+ protected:
+  void prepare(const std::string& vehicle, const std::string& sensors) {
+    write(scratch_ / "sensors.csv", sensors);
+    write(scratch_ / "c.xml", "<convoy version=\"1\">\n  <vehicle id=\"1\" " + vehicle + "/>\n  <dds domain=\"" +
+                                  std::to_string(5 + getpid() % 14) + "\" profile=\"" CONVOY_SOURCE_FOLDER
+                                  "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"10\"/>\n</convoy>\n");
+  }
+  std::string arguments() const { return "vehicle --until-end " + (scratch_ / "c.xml").string(); }
+
+  ScratchFolder scratch_;
+};
+
+TEST_F(BadVehicle, ADamagedEpochFileIsNamedAndNoEpochIsUsed) {
+  prepare("state_folder=\"state\"", sensors_header + "0,odometry,1,0,\n1,odometry,1,0,\n");
+  const Outcome first = run_convoy(arguments());
+  ASSERT_EQ(first.status, 0) << first.output;
+  const std::string good = read_text(scratch_ / "state/epoch");
+  for (const std::string& damaged : {std::string(), good.substr(0, 5), good.substr(0, good.size() - 1), std::string("1\n"),
+                                     std::string("\0\0\0\0", 4), "-" + good}) {
+    write(scratch_ / "state/epoch", damaged);
+    expect_refusal(arguments(), "state/epoch:1: damaged, this is no epoch; delete the file");
+    EXPECT_EQ(read_text(scratch_ / "state/epoch"), damaged);
+  }
+  const auto epoch = [&] { return read_json(scratch_ / "summary.json")["epoch"].get<std::uint64_t>(); };
+  const std::uint64_t before = epoch();
+  fs::remove(scratch_ / "state/epoch");
+  ASSERT_EQ(run_convoy(arguments()).status, 0);
+  EXPECT_GT(epoch(), before);
+}
+
+TEST_F(BadVehicle, AHostileSensorLogIsNamedWithItsLine) {
+  const auto refused = [this](const std::string& text, const std::string& words) {
+    prepare("", text);
+    expect_refusal(arguments(), words);
+  };
+  const std::string good = "0,odometry,1,0,\n";
+  refused(sensors_header + good + "1,odometry,1", "sensors.csv:3: the last line has no line end");
+  refused(sensors_header + good + "1,odometry,1\n", "sensors.csv:3: the line has 3 fields");
+  refused(sensors_header + good + "1,odometry,nan,0,\n", "sensors.csv:3: field 3 is 'nan'");
+  refused(sensors_header + good + "inf,odometry,1,0,\n", "sensors.csv:3: field 1 is 'inf'");
+  refused(sensors_header + good + "1e999,odometry,1,0,\n", "sensors.csv:3: field 1");
+  refused(sensors_header + "5,odometry,1,0,\n4,odometry,1,0,\n", "sensors.csv:3: time runs backwards");
+  refused(sensors_header + "0,sighting,7,-1,0\n", "sensors.csv:2: the range of a sighting must be above 0");
+  refused(sensors_header + "0,sighting,-7,1,0\n", "sensors.csv:2: field 3");
+  refused(sensors_header + "0,sonar,1,0,\n", "sensors.csv:2: the kind is 'sonar'");
+  refused(sensors_header, "sensors.csv:1: no reading below the header");
+  refused("", "sensors.csv:1: the file is empty");
+  refused(std::string("\x7f" "ELF\0\1\2\n\xff\xfe", 11), "sensors.csv:1: the first line is");
+  refused(sensors_header + good + std::string("\0\0\0\xff,\n", 6), "sensors.csv:3: the line has 2 fields");
+  fs::remove(scratch_ / "sensors.csv");
+  expect_refusal(arguments(), "sensors.csv: no such file");
+  fs::create_directory(scratch_ / "sensors.csv");
+  expect_refusal(arguments(), "sensors.csv: no such file");
+  write(scratch_ / "c.xml", "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n</convoy>\n");
+  expect_refusal(arguments(), "no <sensors file=");
+}
+
+// /proc takes no files from anybody, not even from root.
+TEST_F(BadVehicle, FoldersThatCannotBeWrittenAreNamed) {
+  const std::string sensors = sensors_header + "0,odometry,1,0,\n";
+  prepare("state_folder=\"/proc/convoy\"", sensors);
+  expect_refusal(arguments(), "/proc/convoy/lock: cannot write");
+  prepare("output_folder=\"/proc/convoy\"", sensors);
+  expect_refusal(arguments(), "/proc/convoy/live.csv: cannot write");
+  expect_refusal("demo --out /proc/convoy", "/proc/convoy");
+}
+
+TEST_F(BadVehicle, ADiskThatIsFullIsSaidAndEndsWithAnError) {
+  prepare("output_folder=\"out\"", sensors_header + "0,odometry,1,0,\n40,odometry,1,0,\n");
+  fs::create_directories(scratch_ / "out");
+  fs::create_symlink("/dev/full", scratch_ / "out/traffic.csv");
+  expect_refusal(arguments(), "out/traffic.csv: cannot write");
+}
+
+TEST_F(BadVehicle, OneThatRunsAlreadyIsNamedAndKillingItFreesTheFolder) {
+  prepare("state_folder=\"state\"", sensors_header + "0,odometry,1,0,\n1,odometry,1,0,\n");
+  Background first({"vehicle", (scratch_ / "c.xml").string()}, scratch_ / "output");
+  ASSERT_TRUE(eventually([&] { return !read_text(scratch_ / "state/epoch").empty(); }));
+  const std::string before = read_text(scratch_ / "state/epoch");
+  expect_refusal(arguments(), "this vehicle runs already, as process " + std::to_string(first.pid()) + "; stop that one");
+  EXPECT_EQ(read_text(scratch_ / "state/epoch"), before);
+  first.send(SIGKILL);
+  first.wait();
+  const Outcome again = run_convoy(arguments());
+  EXPECT_EQ(again.status, 0) << again.output;
+}
+
+TEST(BadInput, ARunFolderThatIsDamagedIsNamedOnOneLine) {
+  const ScratchFolder scratch;
+  const std::string evaluate = "evaluate " + scratch.path().string();
+  const auto run = [&](const std::string& vehicles) {
+    write(scratch / "run.json", R"({"scenario":"street","common_frame_vehicle":1,"vehicles":)" + vehicles + "}");
+  };
+  expect_refusal(evaluate, "run.json: no such file");
+  run("[1,1]");
+  expect_refusal(evaluate, "run.json: 'vehicles' names vehicle 1 twice");
+  run("[0,1]");
+  expect_refusal(evaluate, "run.json: 'vehicles' holds 0");
+  run("[]");
+  expect_refusal(evaluate, "run.json: 'vehicles' names none");
+  run("[1,2]");
+  write(scratch / "vehicle_1/summary.json", "{");
+  expect_refusal(evaluate, "summary.json: not what it should be");
+  fs::remove(scratch / "vehicle_1/summary.json");
+  write(scratch / "vehicle_1/traffic.csv", "t_s,bytes_sent,messages_sent\n");
+  expect_refusal(evaluate, "traffic.csv:1: no row below the header");
+  fs::remove(scratch / "vehicle_1/traffic.csv");
+  fs::create_directory(scratch / "metrics.json");  // where the verdict should go
+  expect_refusal(evaluate, "metrics.json: cannot be written");
 }
 
 TEST(BadInput, AMissingConfigurationIsNamed) { expect_refusal("vehicle /nowhere/config.xml", "/nowhere/config.xml: no such file"); }

@@ -1,11 +1,16 @@
 #include "command.hpp"
 
+#include <fcntl.h>
 #include <sys/wait.h>
+#include <unistd.h>
 
+#include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <stdexcept>
+#include <thread>
 
 namespace convoy::testing {
 
@@ -23,6 +28,53 @@ Outcome run_shell(const std::string& command) {
 }
 
 Outcome run_convoy(const std::string& arguments) { return run_shell(std::string(CONVOY_PROGRAM) + " " + arguments); }
+
+Background::Background(const std::vector<std::string>& arguments, const fs::path& output_file) {
+  std::vector<std::string> words{CONVOY_PROGRAM};
+  words.insert(words.end(), arguments.begin(), arguments.end());
+  std::vector<char*> argv;
+  for (std::string& word : words) argv.push_back(word.data());
+  argv.push_back(nullptr);
+  const int out = open(output_file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  if (out < 0) throw std::runtime_error("cannot write " + output_file.string());
+  pid_ = fork();
+  if (pid_ == 0) {
+    dup2(out, STDOUT_FILENO);
+    dup2(out, STDERR_FILENO);
+    execv(argv[0], argv.data());
+    _exit(127);
+  }
+  close(out);
+  if (pid_ < 0) throw std::runtime_error("cannot fork");
+}
+
+Background::~Background() {
+  if (waited_) return;
+  send(SIGKILL);
+  wait();
+}
+
+void Background::send(int signal) { kill(pid_, signal); }
+
+int Background::wait() {
+  int status = 0;
+  waited_ = waitpid(pid_, &status, 0) == pid_;
+  return waited_ && WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+}
+
+bool eventually(const std::function<bool()>& condition) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(30);
+  while (std::chrono::steady_clock::now() < deadline) {
+    if (condition()) return true;
+    std::this_thread::sleep_for(std::chrono::milliseconds(20));
+  }
+  return false;
+}
+
+std::string read_text(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
 
 ScratchFolder::ScratchFolder() {
   std::string name = (fs::temp_directory_path() / "convoy-test-XXXXXX").string();

@@ -3,9 +3,13 @@
 
 #include <nlohmann/json.hpp>
 
+#include <sys/types.h>
+
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace convoy::testing {
 
@@ -17,6 +21,28 @@ struct Outcome {
 /// `arguments` as a shell would take them, behind the path of the command.
 Outcome run_convoy(const std::string& arguments);
 Outcome run_shell(const std::string& command);
+
+/// The command running by itself, in a process of its own; killed when this goes out of scope. Output goes to a file.
+class Background {
+ public:
+  Background(const std::vector<std::string>& arguments, const std::filesystem::path& output_file);
+  ~Background();
+  Background(const Background&) = delete;
+  Background& operator=(const Background&) = delete;
+  pid_t pid() const { return pid_; }
+  void send(int signal);
+  /// Its exit status; -1 if a signal ended it. Waits.
+  int wait();
+
+ private:
+  pid_t pid_ = -1;
+  bool waited_ = false;
+};
+
+/// Waits until `condition` holds; false after half a minute.
+bool eventually(const std::function<bool()>& condition);
+
+std::string read_text(const std::filesystem::path& file);
 
 /// An empty folder of its own, removed with all it holds when it goes out of scope.
 class ScratchFolder {

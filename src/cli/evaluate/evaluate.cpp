@@ -306,7 +306,7 @@ json judge_associations(const RunRecord& run) {
   const VehicleRecord* survivor = run.first_survivor();
   if (!survivor) return {{"accepted", nullptr}, {"true", nullptr}, {"false", nullptr}};
   std::set<Pairing> seen;
-  int count[3] = {0, 0, 0}, within_a_vehicle = 0, hypotheses = 0, hypotheses_false = 0;
+  int count[3] = {0, 0, 0}, within[3] = {0, 0, 0}, hypotheses = 0, hypotheses_false = 0;
   for (const MapAssociation* association : accepted_by_time(*survivor->map)) {
     bool wrong = false;
     for (const Pairing& pairing : association->pairings) {
@@ -314,7 +314,7 @@ json judge_associations(const RunRecord& run) {
       wrong = wrong || verdict == Verdict::wrong;
       if (!seen.insert(pairing).second) continue;  // two hypotheses may hold the same pairing
       ++count[static_cast<int>(verdict)];
-      within_a_vehicle += pairing.first.chain.vehicle == pairing.second.chain.vehicle;
+      within[static_cast<int>(verdict)] += pairing.first.chain.vehicle == pairing.second.chain.vehicle;
     }
     ++hypotheses;
     hypotheses_false += wrong;
@@ -323,7 +323,10 @@ json judge_associations(const RunRecord& run) {
           {"true", count[static_cast<int>(Verdict::right)]},
           {"false", count[static_cast<int>(Verdict::wrong)]},
           {"unjudged", count[static_cast<int>(Verdict::unknown)]},
-          {"within_a_vehicle", within_a_vehicle},
+          {"within_a_vehicle", within[0] + within[1] + within[2]},
+          {"within_a_vehicle_false", within[static_cast<int>(Verdict::wrong)]},
+          {"between_vehicles", count[0] + count[1] + count[2] - (within[0] + within[1] + within[2])},
+          {"between_vehicles_false", count[static_cast<int>(Verdict::wrong)] - within[static_cast<int>(Verdict::wrong)]},
           {"hypotheses_accepted", hypotheses},
           {"hypotheses_false", hypotheses_false},
           {"hypotheses_rejected", survivor->map->associations.size() - static_cast<std::size_t>(hypotheses)}};
@@ -353,8 +356,24 @@ json facts_lost(const RunRecord& run) {
   return sum;
 }
 
-/// True if the final map has every vehicle's chains in the common frame.
-json all_aligned(const RunRecord& run) {
+/// True if accepted pairings between vehicles link every vehicle with every other, be it through a third.
+json all_linked(const RunRecord& run) {
+  const VehicleRecord* survivor = run.first_survivor();
+  if (!survivor) return nullptr;
+  std::map<VehicleId, VehicleId> group;  // vehicle -> name of its group
+  const auto group_of = [&group](VehicleId id) { return group.emplace(id, id).first->second; };
+  for (const MapAssociation* association : accepted_by_time(*survivor->map))
+    for (const Pairing& p : association->pairings) {
+      const VehicleId keep = group_of(p.first.chain.vehicle), gone = group_of(p.second.chain.vehicle);
+      for (auto& [id, name] : group)
+        if (name == gone) name = keep;
+    }
+  return std::all_of(run.vehicles.begin(), run.vehicles.end(),
+                     [&](const auto& v) { return group_of(v.id) == group_of(run.vehicles.front().id); });
+}
+
+/// True if the final map has every vehicle's chains in the common frame, be it by their static biases alone.
+json all_in_common_frame(const RunRecord& run) {
   const VehicleRecord* survivor = run.first_survivor();
   if (!survivor) return nullptr;
   std::set<VehicleId> aligned;
@@ -363,6 +382,16 @@ json all_aligned(const RunRecord& run) {
     aligned.insert(chain.chain.vehicle);
   }
   return std::all_of(run.vehicles.begin(), run.vehicles.end(), [&](const auto& v) { return aligned.contains(v.id); });
+}
+
+/// One map, shared: equal on every vehicle, all in its frame, and linked by landmarks that were found to be the same.
+json all_aligned(const RunRecord& run) {
+  const json parts[] = {all_in_common_frame(run), all_linked(run), map_digests_equal(run)};
+  for (const json& part : parts)
+    if (part == json(false)) return false;
+  for (const json& part : parts)
+    if (part.is_null()) return nullptr;
+  return true;
 }
 
 json info_or_null(const RunRecord& run, const char* key) { return run.info.contains(key) ? run.info.at(key) : json(); }
@@ -423,7 +452,7 @@ Evaluation evaluate(const RunRecord& run) {
                   {"truth_mount_heading_rad", mount == mounts.end() ? json() : json(mount->second.heading_rad)},
                   {"truth_mount_forward_m", mount == mounts.end() ? json() : json(mount->second.forward_m)}};
     for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent",
-                            "integrity", "map_digest", "peak_rss_mb"})
+                            "integrity", "reasons", "map_digest", "peak_rss_mb"})
       entry[key] = from_summary(vehicle, key);
     for (const Gauge& gauge : gauges) {
       const Consistency in_gauge = judge(vehicle, vehicle.live, gauge);
@@ -461,6 +490,8 @@ Evaluation evaluate(const RunRecord& run) {
              {"map_digests_equal", map_digests_equal(run)},
              {"facts_lost", facts_lost(run)},
              {"all_aligned", all_aligned(run)},
+             {"all_in_common_frame", all_in_common_frame(run)},
+             {"all_linked", all_linked(run)},
              {"lost_vehicles", run.info.value("lost_vehicles", json::array())},
              {"wall_s", info_or_null(run, "wall_s")},
              {"vehicle_s", info_or_null(run, "vehicle_s")},

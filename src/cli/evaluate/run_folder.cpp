@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <convoy/config_error.hpp>
+#include <set>
 
 #include "scenario/table_file.hpp"
 
@@ -28,12 +29,21 @@ std::optional<PoseEstimate> read_pose(const TableFile& table, std::size_t first)
                       symmetric([&](std::size_t i) { return table.number(first + 3 + i); })};
 }
 
-std::vector<PoseRow> read_live(const fs::path& file, bool may_be_cut) {
+/// A vehicle that lived to its end has written at least one row.
+void expect_rows(const TableFile& table, std::size_t rows, bool may_be_cut) {
+  if (rows == 0 && !may_be_cut) table.refuse("no row below the header; the file was emptied, the run has to be repeated");
+}
+
+std::vector<PoseRow> read_live(const fs::path& file, bool may_be_cut, const std::set<VehicleId>& fleet) {
   std::vector<PoseRow> rows;
   TableFile table(file, {.header = live_header, .drop_cut_last_line = may_be_cut});
-  while (table.next())
+  while (table.next()) {
     rows.push_back({table.number(0), table.small_number(1), table.optional_number(2).value_or(0.0), read_pose(table, 3),
                     read_pose(table, 12)});
+    if (fleet.count(rows.back().vehicle) == 0)
+      table.refuse("vehicle " + std::to_string(rows.back().vehicle) + " is not among those of run.json; correct either file");
+  }
+  expect_rows(table, rows.size(), may_be_cut);
   return rows;
 }
 
@@ -42,6 +52,7 @@ std::vector<PoseRow> read_trajectory(const fs::path& file, VehicleId id, bool ma
   TableFile table(file, {.header = trajectory_header, .drop_cut_last_line = may_be_cut});
   while (table.next())
     rows.push_back({table.number(0), id, table.number(1), read_pose(table, 2), read_pose(table, 11)});
+  expect_rows(table, rows.size(), may_be_cut);
   return rows;
 }
 
@@ -50,8 +61,9 @@ std::vector<TrafficRow> read_traffic(const fs::path& file, bool may_be_cut) {
   TableFile table(file, {.header = traffic_header, .drop_cut_last_line = may_be_cut});
   while (table.next()) {
     rows.push_back({table.number(0), table.number(1)});
-    if (rows.size() > 1 && rows.back().t_s < rows[rows.size() - 2].t_s) table.refuse("time runs backwards");
+    if (rows.size() > 1 && rows.back().t_s < rows[rows.size() - 2].t_s) table.refuse("time runs backwards; the run has to be repeated");
   }
+  expect_rows(table, rows.size(), may_be_cut);
   return rows;
 }
 
@@ -128,12 +140,26 @@ void with_json(const fs::path& file, const Use& use) {
   }
 }
 
-void read_vehicle_files(const fs::path& folder, VehicleRecord& vehicle) {
+/// What the judge takes from summary.json must be of its kind. Throws ConfigError.
+void check_summary(const fs::path& file, const json& summary, VehicleId id) {
+  const auto refuse = [&file](const std::string& what) {
+    throw ConfigError(file.string() + ": " + what + "; the run has to be repeated");
+  };
+  if (!summary.is_object()) refuse("not an object");
+  for (const char* key : {"map_digest", "integrity"})
+    if (!summary.contains(key) || !summary.at(key).is_string()) refuse(std::string("'") + key + "' is not there or no text");
+  for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent"})
+    if (!summary.contains(key) || !summary.at(key).is_number() || summary.at(key).get<double>() < 0.0)
+      refuse(std::string("'") + key + "' is not there or no number from 0");
+  if (summary.contains("vehicle") && summary.at("vehicle") != json(id)) refuse("it is that of another vehicle");
+}
+
+void read_vehicle_files(const fs::path& folder, const std::set<VehicleId>& fleet, VehicleRecord& vehicle) {
   const auto if_there = [&folder](const char* name, const auto& use) {
     if (fs::exists(folder / name)) use(folder / name);
   };
   const bool may_be_cut = vehicle.lost;
-  if_there("live.csv", [&](const fs::path& file) { vehicle.live = read_live(file, may_be_cut); });
+  if_there("live.csv", [&](const fs::path& file) { vehicle.live = read_live(file, may_be_cut, fleet); });
   if_there("trajectory.csv",
            [&](const fs::path& file) { vehicle.trajectory = read_trajectory(file, vehicle.id, may_be_cut); });
   if_there("traffic.csv", [&](const fs::path& file) { vehicle.traffic = read_traffic(file, may_be_cut); });
@@ -141,11 +167,48 @@ void read_vehicle_files(const fs::path& folder, VehicleRecord& vehicle) {
   if_there("map.json",
            [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.map = map_from(object); }); });
   if_there("summary.json",
-           [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.summary = object; }); });
+           [&](const fs::path& file) {
+             with_json(file, [&](const json& object) { vehicle.summary = object; });
+             check_summary(file, vehicle.summary, vehicle.id);
+           });
 }
 
-bool contains(const json& list, VehicleId id) {
-  return std::any_of(list.begin(), list.end(), [id](const json& entry) { return entry == id; });
+/// The ids in a list of run.json, each from 1 and there once. Throws ConfigError.
+std::set<VehicleId> ids_of(const fs::path& file, const char* name, const json& list) {
+  const auto refuse = [&](const std::string& what) {
+    throw ConfigError(file.string() + ": '" + name + "' " + what + "; write it again, or repeat the run");
+  };
+  if (!list.is_array()) refuse("is no list of ids");
+  std::set<VehicleId> ids;
+  for (const json& entry : list) {
+    if (!entry.is_number_unsigned() || entry.get<std::uint64_t>() == 0 || entry.get<std::uint64_t>() > UINT32_MAX)
+      refuse("holds " + entry.dump() + ", and an id is a whole number from 1 to 4294967295");
+    if (!ids.insert(entry.get<VehicleId>()).second) refuse("names vehicle " + entry.dump() + " twice");
+  }
+  return ids;
+}
+
+std::set<VehicleId> read_run_info(const fs::path& file, RunRecord& run) {
+  const auto refuse = [&file](const std::string& what) { throw ConfigError(file.string() + ": " + what); };
+  std::set<VehicleId> fleet;
+  with_json(file, [&](const json& info) {
+    run.info = info;
+    run.scenario = info.at("scenario");
+    fleet = ids_of(file, "vehicles", info.at("vehicles"));
+    if (fleet.empty()) refuse("'vehicles' names none, so that there is nothing to judge; repeat the run");
+    const auto lost = ids_of(file, "lost_vehicles", info.value("lost_vehicles", json::array()));
+    if (!std::includes(fleet.begin(), fleet.end(), lost.begin(), lost.end()))
+      refuse("'lost_vehicles' names a vehicle that is not among 'vehicles'; correct either list");
+    run.common_frame_vehicle = *ids_of(file, "common_frame_vehicle", json::array({info.at("common_frame_vehicle")})).begin();
+    if (fleet.count(run.common_frame_vehicle) == 0)
+      refuse("'common_frame_vehicle' is not among 'vehicles'; correct either");
+    for (const VehicleId id : fleet) {
+      run.vehicles.emplace_back();
+      run.vehicles.back().id = id;
+      run.vehicles.back().lost = lost.count(id) != 0;
+    }
+  });
+  return fleet;
 }
 
 std::map<VehicleId, StaticPrior> priors_of(const fs::path& run_folder) {
@@ -185,21 +248,11 @@ const VehicleRecord* RunRecord::first_survivor() const {
 RunRecord read_run(const fs::path& folder) {
   RunRecord run;
   run.folder = folder;
-  with_json(folder / "run.json", [&](const json& info) {
-    run.info = info;
-    run.scenario = info.at("scenario");
-    run.common_frame_vehicle = info.at("common_frame_vehicle");
-    for (const json& id : info.at("vehicles")) {
-      run.vehicles.emplace_back();
-      run.vehicles.back().id = id;
-      run.vehicles.back().lost = info.contains("lost_vehicles") && contains(info.at("lost_vehicles"), id);
-    }
-  });
-  std::sort(run.vehicles.begin(), run.vehicles.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
+  const std::set<VehicleId> fleet = read_run_info(folder / "run.json", run);
   const auto priors = priors_of(folder);
   for (VehicleRecord& vehicle : run.vehicles) {
     const fs::path own = vehicle_folder(folder, vehicle.id);
-    read_vehicle_files(own, vehicle);
+    read_vehicle_files(own, fleet, vehicle);
     if (const auto t_s = first_event(own / "sensors.csv")) run.first_event_s[vehicle.id] = *t_s;
     if (fs::exists(truth_file(folder, vehicle.id))) vehicle.truth = read_truth(truth_file(folder, vehicle.id));
     if (const auto prior = priors.find(vehicle.id); prior != priors.end()) vehicle.prior = prior->second;

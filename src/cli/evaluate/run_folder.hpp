@@ -111,7 +111,7 @@ struct RunRecord {
 };
 
 /// Reads a run folder. A file that is missing stays empty and so does what would follow from it; one that is cut or
-/// malformed is refused with file:line (ConfigError). The files of a lost vehicle may end in half a line, which is
+/// malformed, or that has no row although its vehicle lived, is refused with file:line (ConfigError). The files of a lost vehicle may end in half a line, which is
 /// left out. run.json must be there.
 RunRecord read_run(const std::filesystem::path& folder);
 

@@ -112,6 +112,16 @@ std::string table(const Row& head, const std::vector<Row>& rows) {
   return out + "</tbody></table></div>\n";
 }
 
+/// "OK", "SUSPECT: innovation, ...".
+std::string show_integrity(const json& vehicle) {
+  std::string text = show_text(vehicle.at("integrity")), separator = ": ";
+  for (const json& reason : vehicle.value("reasons", json::array())) {
+    text += separator + show_text(reason);
+    separator = ", ";
+  }
+  return text;
+}
+
 std::string vehicle_table(const RunRecord& run, const json& m) {
   std::vector<Row> rows;
   for (const json& v : m.at("vehicles"))
@@ -121,7 +131,7 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
                     show_percent(v.at("pose_coverage95")), show(v.at("trajectory_anees"), 2),
                     show_percent(v.at("trajectory_coverage95")), show(v.at("bytes_per_s_mean"), 0),
                     show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0), show(v.at("peak_rss_mb"), 0),
-                    show_text(v.at("integrity")), show_text(v.at("map_digest"))});
+                    show_integrity(v), show_text(v.at("map_digest"))});
   return table({"vehicle", "landmarks exported", "known", "facts missing", "ATE [m]", "live ANEES", "live within 95 %",
                 "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]", "requests", "memory [MB]", "integrity",
                 "map digest"},
@@ -152,7 +162,9 @@ std::string fleet_table(const json& m) {
        {"hypotheses accepted / with a false pairing",
         number("hypotheses_accepted") + " / " + number("hypotheses_false")},
        {"pairings accepted / true / false", number("accepted") + " / " + number("true") + " / " + number("false")},
-       {"every vehicle in the common frame", show_yes_no(m.at("all_aligned"))},
+       {"of these between vehicles / false", number("between_vehicles") + " / " + number("between_vehicles_false")},
+       {"every vehicle in the common frame", show_yes_no(m.at("all_in_common_frame"))},
+       {"every vehicle linked to the others by pairings", show_yes_no(m.at("all_linked"))},
        {"same map on every vehicle", show_yes_no(m.at("map_digests_equal"))},
        {"facts lost", show(m.at("facts_lost"), 0)},
        {"vehicle time / wall time", show(m.at("vehicle_s"), 1, "s") + " / " + show(m.at("wall_s"), 1, "s")}});
@@ -171,9 +183,38 @@ std::string source_line(const RunRecord& run) {
 
 }  // namespace
 
+namespace {
+
+std::string count_false(const json& count) {
+  return (count == json(0) ? "none is" : show(count, 0) + (count == json(1) ? " is" : " are")) + " false";
+}
+
+std::string sentence_case(std::string text) {
+  if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
+  return text;
+}
+
+/// What the fleet came to, without a full stop: one map, or the first thing that is in its way.
+std::string outcome(const RunRecord& run, const json& m) {
+  const std::string fleet = run.vehicles.size() == 1
+                                ? "One vehicle "
+                                : count_word(run.vehicles.size()) + " vehicles that did not know where the others started ";
+  std::string idle;
+  for (const json& vehicle : m.at("vehicles"))
+    if (vehicle.at("landmarks_exported") == json(0))
+      idle += (idle.empty() ? "" : ", ") + vehicle_name(run, vehicle.at("id"));
+  if (!idle.empty()) return fleet + "do not share one map, for not all of them mapped anything (" + idle + ")";
+  if (m.at("all_aligned") == json(true)) return fleet + (run.vehicles.size() == 1 ? "made a map" : "share one map");
+  if (m.at("map_digests_equal") == json(false)) return fleet + "do not hold the same map";
+  if (m.at("all_in_common_frame") == json(false)) return fleet + "have not all found one common frame";
+  if (m.at("all_linked") == json(false)) return fleet + "have not all found landmarks in common";
+  return fleet + "left too little to judge their map by";
+}
+
+}  // namespace
+
 std::string headline(const RunRecord& run, const json& m) {
-  std::string text = count_word(run.vehicles.size()) + " vehicles that did not know where the others started ";
-  text += m.at("all_aligned") == json(true) ? "share one map" : "have not all found one common frame";
+  std::string text = outcome(run, m);
   const json distance = worst(m.at("pairs"), "distance_rmse_m");
   if (distance.is_number()) {
     text += ": the distance between any two is known to " + show(distance, 2, "m") + " RMSE after their association";
@@ -183,12 +224,14 @@ std::string headline(const RunRecord& run, const json& m) {
     text += ": its landmarks are " + show(m.at("landmark_rmse_m"), 2, "m") + " RMSE from the truth";
   }
   text += ".";
-  const json& false_pairings = m.at("associations").at("false");
+  const json& a = m.at("associations");
+  const json& false_pairings = a.at("false");
   if (false_pairings.is_number())
-    text += " Of " + show(m.at("associations").at("accepted"), 0) + " landmark pairings " +
-            (false_pairings == json(0) ? "none is"
-                                       : show(false_pairings, 0) + (false_pairings == json(1) ? " is" : " are")) +
-            " false";
+    text += " Of " + show(a.at("between_vehicles"), 0) + " landmark pairings between vehicles " +
+            count_false(a.at("between_vehicles_false")) +
+            (a.at("within_a_vehicle") == json(0) ? ""
+                                                 : ", of " + show(a.at("within_a_vehicle"), 0) + " within a vehicle " +
+                                                       count_false(a.at("within_a_vehicle_false")));
   const json bytes = worst(m.at("vehicles"), "bytes_per_s_mean");
   if (bytes.is_number())
     text += std::string(false_pairings.is_number() ? "; " : " ") + "no vehicle sent more than " +
@@ -200,6 +243,9 @@ std::string headline(const RunRecord& run, const json& m) {
       text += (i > 0 ? ", " : " ") + vehicle_name(run, m.at("lost_vehicles")[i]);
     text += ".";
   }
+  for (const json& vehicle : m.at("vehicles"))
+    if (vehicle.at("integrity") == json("SUSPECT"))
+      text += " " + sentence_case(vehicle_name(run, vehicle.at("id"))) + " is " + show_integrity(vehicle) + ".";
   return text;
 }
 
@@ -209,7 +255,7 @@ std::string make_report(const RunRecord& run, const Evaluation& evaluation) {
       "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n"
       "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>convoy: " +
       xml_escaped(run.scenario) + "</title>\n<style>" + style + "</style>\n</head>\n<body>\n";
-  page += "<h1>convoy: one map, several vehicles</h1>\n<p class=\"lead\">" + xml_escaped(headline(run, m)) +
+  page += "<h1>convoy: what a run came to</h1>\n<p class=\"lead\">" + xml_escaped(headline(run, m)) +
           "</p>\n<p class=\"source\">" + xml_escaped(source_line(run)) + "</p>\n" + tiles(m);
   for (const Figure& figure : make_figures(run, evaluation))
     page += "<section>\n<h2>" + xml_escaped(figure.title) + "</h2>\n<figure>\n" + figure.body + "<figcaption>" +

@@ -201,6 +201,57 @@ TEST(Evaluate, PairingsAreJudgedByTheLabels) {
   EXPECT_EQ(a.at("hypotheses_rejected"), 1);
 }
 
+TEST(Evaluate, PairingsWithinAVehicleAreNotThoseBetweenVehicles) {
+  RunRecord run = straight_run();
+  run.vehicles[0].track_of_landmark = {{{1, 0}, 70}, {{1, 1}, 71}, {{1, 5}, 70}, {{1, 6}, 79}};
+  run.vehicles[1].track_of_landmark = {{{1, 0}, 70}};
+  run.vehicles[0].map = MapRecord{};
+  auto& associations = run.vehicles[0].map->associations;
+  associations.push_back({1, 1.0, true, {pairing(1, 0, 1, 5), pairing(1, 1, 1, 6)}});  // a loop: one true, one false
+  associations.push_back({2, 2.0, true, {pairing(1, 0, 2, 0)}});
+  const json a = evaluate(run).metrics.at("associations");
+  EXPECT_EQ(a.at("accepted"), 3);
+  EXPECT_EQ(a.at("within_a_vehicle"), 2);
+  EXPECT_EQ(a.at("within_a_vehicle_false"), 1);
+  EXPECT_EQ(a.at("between_vehicles"), 1);
+  EXPECT_EQ(a.at("between_vehicles_false"), 0);
+}
+
+TEST(Evaluate, AMapIsSharedOnlyIfItIsEqualAndLinkedBetweenVehicles) {
+  RunRecord run = straight_run();
+  for (VehicleRecord& vehicle : run.vehicles) {
+    vehicle.map = MapRecord{};
+    vehicle.map->chains = {{{1, 1}, true}, {{2, 1}, true}};  // both in the common frame, by their static biases
+    vehicle.map->associations.push_back({1, 1.0, true, {pairing(1, 0, 1, 5), pairing(2, 0, 2, 5)}});
+    vehicle.map->associations.push_back({1, 2.0, false, {pairing(1, 0, 2, 0)}});  // refused
+  }
+  const auto verdict = [&] {
+    const json m = evaluate(run).metrics;
+    return json::array({m.at("all_aligned"), m.at("all_in_common_frame"), m.at("all_linked"), m.at("map_digests_equal")});
+  };
+  EXPECT_EQ(verdict(), json::array({false, true, false, true}));
+  run.vehicles[0].map->associations.push_back({1, 3.0, true, {pairing(1, 1, 2, 1)}});
+  EXPECT_EQ(verdict(), json::array({true, true, true, true}));
+  run.vehicles[1].summary["map_digest"] = "bb";
+  EXPECT_EQ(verdict(), json::array({false, true, true, false}));
+  run.vehicles[1].summary = nullptr;  // lived, and said nothing
+  EXPECT_EQ(verdict(), json::array({nullptr, true, true, nullptr}));
+  run.vehicles[0].map->chains[1].aligned = false;
+  EXPECT_EQ(verdict(), json::array({false, false, true, nullptr}));
+}
+
+TEST(Evaluate, VehiclesAreLinkedThroughOthers) {
+  RunRecord run = straight_run();
+  run.vehicles.push_back(run.vehicles[1]);
+  run.vehicles[2].id = 3;
+  run.vehicles[0].map = MapRecord{};
+  auto& associations = run.vehicles[0].map->associations;
+  associations.push_back({1, 1.0, true, {pairing(2, 0, 3, 0)}});
+  EXPECT_EQ(evaluate(run).metrics.at("all_linked"), false);
+  associations.push_back({1, 2.0, true, {pairing(1, 0, 3, 1)}});
+  EXPECT_EQ(evaluate(run).metrics.at("all_linked"), true);
+}
+
 TEST(Evaluate, LandmarksAreFittedToTheirTruth) {
   RunRecord run = straight_run();
   for (VehicleRecord& vehicle : run.vehicles) vehicle.truth.clear();
@@ -325,6 +376,78 @@ TEST_F(RunFolder, DamageIsRefusedWithFileAndLine) {
   EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\":\"x\"}"), HasSubstr("map.json: not what it should be"));
   EXPECT_THAT(refusal("run.json", "{}"), HasSubstr("run.json: not what it should be"));
   EXPECT_EQ(config_error_of([this] { read_run(folder_.path()); }), "");
+}
+
+TEST_F(RunFolder, VehicleIdsMustBeThoseOfAFleet) {
+  const json good = json::parse(test::read(folder_ / "run.json"));
+  const auto refusal = [&](const char* key, const json& value) {
+    json info = good;
+    info[key] = value;
+    test::write(folder_ / "run.json", info.dump());
+    const std::string text = config_error_of([this] { read_run(folder_.path()); });
+    EXPECT_EQ(text.find('\n'), std::string::npos);
+    return text;
+  };
+  EXPECT_THAT(refusal("vehicles", {1, 2, 2}), HasSubstr("run.json: 'vehicles' names vehicle 2 twice"));
+  EXPECT_THAT(refusal("vehicles", {0, 1, 2}), HasSubstr("run.json: 'vehicles' holds 0"));
+  EXPECT_THAT(refusal("vehicles", {1, -2}), HasSubstr("'vehicles' holds -2"));
+  EXPECT_THAT(refusal("vehicles", {1, 2.5}), HasSubstr("'vehicles' holds 2.5"));
+  EXPECT_THAT(refusal("vehicles", {1, nullptr}), HasSubstr("'vehicles' holds null"));
+  EXPECT_THAT(refusal("vehicles", {1, 4294967296}), HasSubstr("'vehicles' holds 4294967296"));
+  EXPECT_THAT(refusal("vehicles", json::array()), HasSubstr("'vehicles' names none"));
+  EXPECT_THAT(refusal("vehicles", 5), HasSubstr("'vehicles' is no list"));
+  EXPECT_THAT(refusal("vehicles", {2}), HasSubstr("'common_frame_vehicle' is not among 'vehicles'"));
+  EXPECT_THAT(refusal("vehicles", {1}), HasSubstr("live.csv:"));  // vehicle 2 is in it
+  EXPECT_THAT(refusal("common_frame_vehicle", 7), HasSubstr("'common_frame_vehicle' is not among"));
+  EXPECT_THAT(refusal("common_frame_vehicle", 0), HasSubstr("'common_frame_vehicle' holds 0"));
+  EXPECT_THAT(refusal("lost_vehicles", {3}), HasSubstr("'lost_vehicles' names a vehicle that is not among"));
+  EXPECT_THAT(refusal("lost_vehicles", "none"), HasSubstr("'lost_vehicles' is no list"));
+  EXPECT_EQ(refusal("lost_vehicles", {2}), "");
+}
+
+TEST_F(RunFolder, ATableWithoutARowIsRefusedUnlessItsVehicleWasLost) {
+  for (const auto& [name, header] : {std::pair("live.csv", live_header), std::pair("trajectory.csv", trajectory_header),
+                                     std::pair("traffic.csv", traffic_header)}) {
+    const auto file = folder_ / "vehicle_2" / name;
+    const std::string before = test::read(file);
+    test::write(file, std::string(header) + "\n");
+    const auto read = [this] { read_run(folder_.path()); };
+    EXPECT_THAT(config_error_of(read), HasSubstr(std::string(name) + ":1: no row below the header"));
+    test::write(file, "");
+    EXPECT_THAT(config_error_of(read), HasSubstr(std::string(name) + ":1: the file is empty"));
+    test::write(file, std::string(header) + "\n");
+    json info = json::parse(test::read(folder_ / "run.json"));
+    info["lost_vehicles"] = {2};
+    test::write(folder_ / "run.json", info.dump());
+    EXPECT_EQ(config_error_of(read), "") << name;
+    info["lost_vehicles"] = json::array();
+    test::write(folder_ / "run.json", info.dump());
+    test::write(file, before);
+  }
+}
+
+TEST_F(RunFolder, ABrokenSummaryIsRefused) {
+  const auto file = folder_ / "vehicle_2" / "summary.json";
+  const json good = json::parse(test::read(file));
+  const auto refusal = [&](const std::string& content) {
+    test::write(file, content);
+    return config_error_of([this] { read_run(folder_.path()); });
+  };
+  EXPECT_EQ(refusal(good.dump()), "");
+  EXPECT_THAT(refusal(""), HasSubstr("summary.json: not what it should be"));
+  EXPECT_THAT(refusal(good.dump().substr(0, 40)), HasSubstr("summary.json: not what it should be"));
+  EXPECT_THAT(refusal("null"), HasSubstr("summary.json: not an object"));
+  EXPECT_THAT(refusal("[1]"), HasSubstr("summary.json: not an object"));
+  for (const char* key : {"map_digest", "integrity", "facts_missing", "landmarks_exported", "landmarks_known", "bytes_sent"}) {
+    json summary = good;
+    summary.erase(key);
+    EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: '" + std::string(key) + "'")) << key;
+    summary[key] = -1;
+    EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: '" + std::string(key) + "'")) << key;
+  }
+  json summary = good;
+  summary["vehicle"] = 1;
+  EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: it is that of another vehicle"));
 }
 
 TEST_F(RunFolder, OfALostVehicleMayEndInHalfALine) {

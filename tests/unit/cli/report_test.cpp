@@ -95,12 +95,50 @@ TEST(Report, HeadlineSaysWhatTheMetricsSay) {
   EXPECT_THAT(good, HasSubstr("none is false"));
   EXPECT_THAT(page.text, HasSubstr(good));
   nlohmann::json bad = page.evaluation.metrics;
-  bad["all_aligned"] = false;
-  bad["associations"]["false"] = 2;
+  bad["all_aligned"] = bad["all_in_common_frame"] = false;
+  bad["associations"]["between_vehicles_false"] = 2;
   bad["lost_vehicles"] = {2};
   EXPECT_THAT(headline(page.run, bad), HasSubstr("have not all found one common frame"));
   EXPECT_THAT(headline(page.run, bad), HasSubstr("2 are false"));
   EXPECT_THAT(headline(page.run, bad), HasSubstr("Lost on the way: back vehicle"));
+}
+
+TEST(Report, HeadlineSaysSharedOnlyWhenItIsSo) {
+  const Page page = page_of(street());
+  const auto of = [&](const auto& change) {
+    nlohmann::json m = page.evaluation.metrics;
+    change(m);
+    const std::string text = headline(page.run, m);
+    EXPECT_THAT(text, Not(HasSubstr("share one map:")));
+    EXPECT_THAT(text, Not(HasSubstr("started share one map")));
+    return text;
+  };
+  using Json = nlohmann::json;
+  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["map_digests_equal"] = false; }), HasSubstr("do not hold the same map"));
+  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["all_linked"] = false; }),
+              HasSubstr("have not all found landmarks in common"));
+  EXPECT_THAT(of([](Json& m) { m["vehicles"][1]["landmarks_exported"] = 0; }),
+              HasSubstr("not all of them mapped anything (back vehicle)"));
+  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["map_digests_equal"] = nullptr; }), HasSubstr("left too little to judge their map by"));
+}
+
+TEST(Report, HeadlineNamesVehiclesThatAreSuspect) {
+  const Page page = page_of(street());
+  nlohmann::json m = page.evaluation.metrics;
+  EXPECT_THAT(headline(page.run, m), Not(HasSubstr("SUSPECT")));
+  m["vehicles"][1]["integrity"] = "SUSPECT";
+  m["vehicles"][1]["reasons"] = {"impersonated", "innovation"};
+  EXPECT_THAT(headline(page.run, m), HasSubstr("Back vehicle is SUSPECT: impersonated, innovation."));
+}
+
+TEST(Report, HeadlineCountsPairingsWithinAVehicleApart) {
+  const Page page = page_of(street());
+  nlohmann::json m = page.evaluation.metrics;
+  m["associations"]["between_vehicles"] = 12;
+  m["associations"]["within_a_vehicle"] = 30;
+  m["associations"]["within_a_vehicle_false"] = 1;
+  EXPECT_THAT(headline(page.run, m),
+              HasSubstr("Of 12 landmark pairings between vehicles none is false, of 30 within a vehicle 1 is false"));
 }
 
 TEST(Report, WithoutTruthIsStillAPage) {

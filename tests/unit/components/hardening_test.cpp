@@ -15,8 +15,10 @@ AnchorFact<SE2> anchor_fact(const ChainId& chain, std::uint32_t index) {
   fact.state.pose = SE2(10.0 * index, 0.0, 0.0);
   return fact;
 }
-// Somebody sends other content under a key of ours: we know best who wrote it. Ours must not look like an equivocator.
-TEST(Hardening, AnImpersonatorDoesNotMakeUsSuspectOurselves) {
+bool has(const VehicleState<SE2>& state, IntegrityReason reason) { return (state.reasons & reason) != 0; }
+// Somebody sends other content under a key of ours: it is refused, we are no equivocator, and still two of us are about,
+// which everybody must see.
+TEST(Hardening, AnImpersonatorMakesUsSuspectAndNothingElse) {
   test::ScriptedFleet fleet;
   test::MemberOptions known;
   known.static_bias = Estimate<SE2>{test::script_of(1)[0].truth, SE2::Covariance::Zero()};
@@ -27,8 +29,63 @@ TEST(Hardening, AnImpersonatorDoesNotMakeUsSuspectOurselves) {
   auto impersonator = fleet.network().join();
   ASSERT_EQ(impersonator->send({{7, 1}, anchor_fact({1, 1}, 1)}), SendStatus::sent);
   self.step(fleet.now_s);
-  EXPECT_EQ(self.view_of({1, 1}, fleet.now_s).reasons, static_cast<std::uint32_t>(reason_none));
+  const auto view = self.view_of({1, 1}, fleet.now_s);
+  EXPECT_EQ(view.integrity, Integrity::suspect);
+  EXPECT_EQ(view.reasons, static_cast<std::uint32_t>(reason_impersonated));
   EXPECT_EQ(self.manager.counters().facts_impersonated, 1U);
+  EXPECT_EQ(self.manager.counters().senders_impersonated, 0U);
+  // The live pose says so, too.
+  self.manager.publish_live(view.slam);
+  bool said = false;
+  for (const auto& message : impersonator->take(0.0))
+    if (const auto* live = std::get_if<LivePose<SE2>>(&message.payload))
+      said = live->integrity == Integrity::suspect && (live->reasons & reason_impersonated) != 0;
+  EXPECT_TRUE(said);
+}
+// Two processes with one id, each with an epoch of its own: both notice, and so do the others. A vehicle that was
+// restarted is no such thing.
+TEST(Hardening, TwoVehiclesWithOneIdAreSuspectAndARestartIsNot) {
+  test::ScriptedFleet fleet;
+  test::MemberOptions known, second;
+  known.static_bias = Estimate<SE2>{test::script_of(1)[0].truth, SE2::Covariance::Zero()};
+  second.static_bias = Estimate<SE2>{test::script_of(2)[0].truth, SE2::Covariance::Zero()};
+  fleet.add(1, known);
+  fleet.add(2, second);
+  fleet.drive(30);
+  fleet.members[1].reset();
+  second.epoch = 2;
+  fleet.add(2, second);
+  fleet.drive(30);
+  ASSERT_TRUE(fleet.settle());
+  for (auto* member : {fleet.members[0].get(), fleet.members[2].get()})
+    for (const auto& vehicle : member->manager.vehicles(fleet.now_s)) EXPECT_FALSE(has(vehicle, reason_impersonated));
+  second.epoch = 3;
+  fleet.add(2, second);
+  fleet.drive(30);
+  EXPECT_TRUE(has(fleet.members[2]->view_of({2, 2}, fleet.now_s), reason_impersonated));
+  EXPECT_TRUE(has(fleet.members[3]->view_of({2, 3}, fleet.now_s), reason_impersonated));
+  EXPECT_EQ(fleet.members[2]->view_of({2, 2}, fleet.now_s).integrity, Integrity::suspect);
+  EXPECT_TRUE(has(fleet.members[0]->view_of({2, 2}, fleet.now_s), reason_impersonated));
+  EXPECT_TRUE(has(fleet.members[0]->view_of({2, 3}, fleet.now_s), reason_impersonated));
+  EXPECT_FALSE(has(fleet.members[0]->view_of({1, 1}, fleet.now_s), reason_impersonated));
+}
+// A stranger's fact under a key of ours is no answer to who asked for the true one: ours must still be sent.
+TEST(Hardening, AnImpersonatorDoesNotSilenceOurAnswers) {
+  test::ScriptedFleet fleet;
+  fleet.add(1);
+  fleet.drive(50);
+  auto& self = *fleet.members[0];
+  auto other = fleet.network().join();
+  ASSERT_EQ(other->send({{7, 1}, Request{{1, 1}, FactKind::anchor, {{1, 2}}}}), SendStatus::sent);
+  ASSERT_EQ(other->send({{7, 1}, anchor_fact({1, 1}, 1)}), SendStatus::sent);
+  bool answered = false;
+  for (int k = 0; k < 10; ++k) {
+    self.step(fleet.now_s += 0.5);
+    for (const auto& message : other->take(fleet.now_s))
+      if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload))
+        answered = answered || self.manager.store().holds(*anchor);
+  }
+  EXPECT_TRUE(answered);
 }
 // A landmark the store refuses takes an index anyway: a hole that nobody can ever fill, in every store of the fleet.
 TEST(Hardening, ARefusedOwnLandmarkLeavesNoHole) {

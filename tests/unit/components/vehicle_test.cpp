@@ -32,6 +32,7 @@ class VehicleTest : public ::testing::Test {
     fs::remove_all(folder_);
     params_.id = 4;
     params_.state_folder = folder_ / "state";
+    params_.fresh_epoch = [] { return Epoch{1}; };
     params_.step_period_s = 0.005;
     params_.submaps.map_period_s = 0.01;
   }
@@ -174,7 +175,8 @@ TEST_F(VehicleTest, AnEpochFileThatIsNoNumberIsAClearError) {
     EXPECT_THAT(text, ::testing::HasSubstr(file.string() + ":1")) << content;
     EXPECT_EQ(vehicle().state(), State::unconfigured);
   }
-  std::ofstream(file, std::ios::trunc) << "41\n";
+  fs::remove(file);
+  StateFolder(params_.state_folder).next_epoch([] { return Epoch{41}; });
   vehicle().configure();
   EXPECT_EQ(vehicle().snapshot().self.epoch, 42U);
 }
@@ -200,8 +202,38 @@ TEST_F(VehicleTest, OnlyTheFirstEpochStartsWhereTheStaticBiasSays) {
   EXPECT_FALSE(start_is_known());
 }
 
+TEST_F(VehicleTest, ByDefaultTwoFreshFoldersDoNotBeginWithTheSameEpoch) {
+  params_.fresh_epoch = VehicleParams<SE2>{}.fresh_epoch;
+  std::vector<Epoch> epochs;
+  for (const char* run : {"one", "two"}) {
+    params_.state_folder = folder_ / run;
+    vehicle_.reset();
+    vehicle().configure();
+    epochs.push_back(vehicle().snapshot().self.epoch);
+    vehicle().shutdown();
+    vehicle().configure();
+    EXPECT_GT(vehicle().snapshot().self.epoch, epochs.back());
+  }
+  EXPECT_NE(epochs[0], epochs[1]);
+}
+
+TEST_F(VehicleTest, ASecondOneOnTheSameFolderIsRefusedBeforeItSpeaks) {
+  vehicle().configure();
+  auto peer = network_.join();
+  FrozenLandmarks<SE2> slam;
+  Vehicle<SE2> twin(
+      params_, slam, [this] { return network_.join(); }, clock_s);
+  EXPECT_THAT(text_of([&] { twin.configure(); }), ::testing::HasSubstr("runs already, as process " + std::to_string(::getpid())));
+  EXPECT_EQ(twin.state(), State::unconfigured);
+  EXPECT_TRUE(peer->take(0.0).empty());
+  vehicle().shutdown();
+  twin.configure();
+  EXPECT_EQ(twin.snapshot().self.epoch, 2U);  // the refusal has cost none
+}
+
 TEST_F(VehicleTest, WithoutAFolderTheEpochComesFromTheClock) {
   params_.state_folder.clear();
+  params_.fresh_epoch = epoch_from_clock;
   vehicle().configure();
   const Epoch first = vehicle().snapshot().self.epoch;
   const auto now =
@@ -266,6 +298,7 @@ TEST_F(VehicleTest, ParametersAreChecked) {
   EXPECT_TRUE(refused([](P& p) { p.id = 0; }));
   EXPECT_TRUE(refused([](P& p) { p.step_period_s = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.searches_per_step = 0; }));
+  EXPECT_TRUE(refused([](P& p) { p.fresh_epoch = nullptr; }));
   EXPECT_TRUE(refused([](P& p) { p.drift.gamma = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.association.min_pairings = 0; }));
 }

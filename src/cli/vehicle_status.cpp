@@ -1,0 +1,55 @@
+#include "vehicle_status.hpp"
+
+#include <array>
+#include <cstdio>
+#include <utility>
+
+namespace convoy::cli {
+namespace {
+
+using nlohmann::json;
+
+json reason_names(std::uint32_t reasons) {
+  json names = json::array();
+  const std::array<std::pair<std::uint32_t, const char*>, 6> table{{{reason_innovation, "innovation"},
+                                                                    {reason_disagreement, "disagreement"},
+                                                                    {reason_stale_peer, "stale_peer"},
+                                                                    {reason_equivocation, "equivocation"},
+                                                                    {reason_missing_facts, "missing_facts"},
+                                                                    {reason_impersonated, "impersonated"}}};
+  for (const auto& [bit, name] : table)
+    if (reasons & bit) names.push_back(name);
+  return names;
+}
+
+}  // namespace
+
+std::string hex(Hash hash) {
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  return text;
+}
+
+json vehicle_status(double t_s, const VehicleSnapshot<SE2>& s) {
+  json status;
+  status["vehicle"] = s.self.vehicle;
+  status["epoch"] = s.self.epoch;
+  status["vehicle_s"] = t_s;
+  for (const VehicleState<SE2>& v : s.vehicles)
+    if (v.chain == s.self) {
+      status["integrity"] = to_string(v.integrity);
+      status["reasons"] = reason_names(v.reasons);
+    }
+  status["landmarks_exported"] = s.landmarks_exported;
+  status["landmarks_known"] = s.landmarks_known;
+  status["facts_missing"] = s.facts_missing;
+  status["associations_accepted"] = s.association.accepted;
+  status["bytes_sent"] = s.exchange.bytes_sent;
+  status["requests_sent"] = s.repair.requests_sent;
+  status["settled"] = s.settled;
+  status["facts_digest"] = hex(s.facts_digest);
+  status["map_digest"] = hex(s.map_digest);
+  return status;
+}
+
+}  // namespace convoy::cli

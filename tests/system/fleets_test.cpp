@@ -1,0 +1,107 @@
+// Two fleets on one domain: their vehicles have the same ids, and must not be taken for one another.
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <csignal>
+#include <fstream>
+
+#include "command.hpp"
+
+namespace convoy::testing {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+std::string domain() { return std::to_string(5 + getpid() % 14); }
+
+// Vehicle 1 with a start that is known, so that it is aligned, and twelve seconds of driving.
+fs::path vehicle_one(const fs::path& folder) {
+  fs::create_directories(folder);
+  std::ofstream sensors(folder / "sensors.csv");
+  sensors << "t_s,kind,a,b,c\n";
+  for (int i = 0; i <= 120; ++i) sensors << 0.1 * i << ",odometry,1,0,\n";
+  std::ofstream(folder / "c.xml")
+      << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <static_bias sigma_x_m=\"0.1\"/>\n  <dds domain=\""
+      << domain() << "\" profile=\"" CONVOY_SOURCE_FOLDER
+      << "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"2\"/>\n</convoy>\n";
+  return folder / "c.xml";
+}
+
+bool impersonated(const json& status) {
+  return std::count(status["reasons"].begin(), status["reasons"].end(), json("impersonated")) == 1;
+}
+
+TEST(Fleets, TwoVehiclesWithOneIdAreBothSuspectEverywhereItShows) {
+  const ScratchFolder scratch;
+  std::vector<fs::path> configs{vehicle_one(scratch / "one"), vehicle_one(scratch / "two")};
+  {
+    Background one({"vehicle", "--until-end", configs[0].string()}, scratch / "one/output");
+    Background two({"vehicle", "--until-end", configs[1].string()}, scratch / "two/output");
+    EXPECT_EQ(one.wait(), 0);
+    EXPECT_EQ(two.wait(), 0);
+  }
+  std::vector<std::uint64_t> epochs;
+  for (const fs::path& config : configs) {
+    const fs::path folder = config.parent_path();
+    const json summary = read_json(folder / "summary.json");
+    EXPECT_EQ(summary["integrity"], "SUSPECT");
+    EXPECT_TRUE(impersonated(summary)) << summary;
+    EXPECT_GT(summary["counters"]["senders_impersonated"], 0);
+    epochs.push_back(summary["epoch"]);
+    // The last status line says what the summary says, in the same words.
+    std::ifstream output(folder / "output");
+    json status;
+    for (std::string line; std::getline(output, line);)
+      if (const json parsed = json::parse(line, nullptr, false); parsed.is_object()) status = parsed;
+    ASSERT_TRUE(status.is_object());
+    status.erase("exhausted");
+    for (const auto& [key, value] : status.items()) EXPECT_EQ(summary[key], value) << key;
+    EXPECT_TRUE(impersonated(status));
+  }
+  EXPECT_NE(epochs[0], epochs[1]);
+}
+
+TEST(Fleets, OneVehicleAloneIsNotSuspect) {
+  const ScratchFolder scratch;
+  const fs::path config = vehicle_one(scratch / "one");
+  for (int life = 0; life < 2; ++life) {  // nor is it after a restart
+    const Outcome outcome = run_convoy("vehicle --until-end " + config.string());
+    ASSERT_EQ(outcome.status, 0) << outcome.output;
+    EXPECT_EQ(read_json(scratch / "one/summary.json")["reasons"], json::array());
+  }
+}
+
+TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
+  const ScratchFolder scratch;
+  const fs::path config = vehicle_one(scratch / "one");
+  Background other({"vehicle", config.string()}, scratch / "output");
+  ASSERT_TRUE(eventually([&] { return read_text(scratch / "output").find("\"vehicle_s\"") != std::string::npos; }));
+  const fs::path run = scratch / "run";
+  const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
+  EXPECT_EQ(refused.status, 2);
+  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos) << refused.output;
+  EXPECT_FALSE(fs::exists(run));
+  other.send(SIGKILL);
+  other.wait();
+  const Outcome alone = run_convoy("demo --rate 40 --domain " + domain() + " --out " + run.string());
+  EXPECT_EQ(alone.status, 0) << alone.output;
+  for (const json& vehicle : read_json(run / "metrics.json")["vehicles"]) EXPECT_EQ(vehicle["reasons"], json::array());
+}
+
+TEST(Fleets, ADemoIntoWhichAnotherFleetBreaksSaysSoAndFails) {
+  const ScratchFolder scratch;
+  const fs::path config = vehicle_one(scratch / "one"), run = scratch / "run";
+  Background demo({"demo", "--rate", "20", "--domain", domain(), "--out", run.string()}, scratch / "output");
+  ASSERT_TRUE(eventually([&] { return read_text(run / "vehicle_1/live.csv").size() > 1000; }));
+  Background other({"vehicle", config.string()}, scratch / "one/output");
+  EXPECT_EQ(demo.wait(), 1);
+  const std::string output = read_text(scratch / "output");
+  EXPECT_NE(output.find("vehicle 1 is SUSPECT: somebody else speaks under its id on DDS domain " + domain()), std::string::npos) << output;
+  EXPECT_NE(output.find("Front vehicle is SUSPECT: "), std::string::npos) << output;  // in the headline, too
+  EXPECT_TRUE(impersonated(read_json(run / "metrics.json")["vehicles"][0]));
+}
+
+}  // namespace
+}  // namespace convoy::testing

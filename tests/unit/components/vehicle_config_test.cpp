@@ -1,0 +1,157 @@
+#include <convoy/components/vehicle_config.hpp>
+#include <convoy/config_error.hpp>
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <unistd.h>
+
+#include <fstream>
+#include <limits>
+
+namespace convoy {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::HasSubstr;
+
+class VehicleConfigTest : public testing::Test {
+ protected:
+  VehicleConfigTest() : file_(fs::temp_directory_path() / ("convoy_config_" + std::to_string(::getpid()) + ".xml")) {}
+  ~VehicleConfigTest() override { fs::remove(file_); }
+
+  VehicleConfig load(const std::string& text) {
+    std::ofstream(file_, std::ios::trunc) << text;
+    return load_vehicle_config(file_);
+  }
+  /// What is said of `text`, without the path: "line: what".
+  std::string refusal(const std::string& text) {
+    try {
+      load(text);
+    } catch (const ConfigError& error) {
+      const std::string what = error.what(), path = file_.string() + ":";
+      EXPECT_EQ(what.substr(0, path.size()), path);
+      EXPECT_EQ(what.find('\n'), std::string::npos);
+      return what.substr(std::min(what.size(), path.size()));
+    }
+    return "accepted";
+  }
+  /// Of an entry that stands alone on line 4.
+  std::string refusal_of(const std::string& element, const std::string& attribute) {
+    return refusal("<convoy version=\"1\">\n  <!-- one -->\n" +
+                   (element == "vehicle" ? "  <vehicle id=\"1\"\n   " + attribute + "/>\n"
+                                         : "  <vehicle id=\"1\"/><" + element + "\n   " + attribute + "/>\n") +
+                   "</convoy>\n");
+  }
+
+  fs::path file_;
+};
+
+TEST_F(VehicleConfigTest, AWholeFileIsRead) {
+  const VehicleConfig c = load(
+      "<?xml version=\"1.0\"?>\n<!-- a vehicle -->\n<convoy version=\"1\">\n"
+      "  <vehicle id=\"2\" state_folder=\"state\" roster=\"1 2\" first_epoch=\"7\"/>\n"
+      "  <dds domain=\"232\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
+      "  <sensors file=\"s.csv\" rate=\"1e1\"/>\n</convoy>\n<!-- the end -->\n");
+  EXPECT_EQ(c.vehicle.id, 2U);
+  EXPECT_EQ(c.vehicle.submaps.limits.roster, (std::vector<VehicleId>{1, 2}));
+  EXPECT_EQ(c.vehicle.fresh_epoch(), 7U);
+  EXPECT_EQ(c.dds.domain, 232U);
+  EXPECT_EQ(c.impairment.seed, std::numeric_limits<std::uint64_t>::max());
+  EXPECT_EQ(c.sensors.rate, 10.0);
+}
+
+TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
+  VehicleConfig c;
+  c.vehicle.id = 3;
+  c.vehicle.state_folder = "/somewhere/state";
+  c.first_epoch = 12;
+  c.impairment.jitter_s = 0.1;
+  c.vehicle.submaps.map_period_s = 1.0 / 3.0;
+  save_vehicle_config(c, file_);
+  const VehicleConfig back = load_vehicle_config(file_);
+  EXPECT_EQ(back.first_epoch, 12U);
+  EXPECT_EQ(back.impairment.jitter_s, 0.1);
+  EXPECT_EQ(back.vehicle.submaps.map_period_s, 1.0 / 3.0);
+}
+
+TEST_F(VehicleConfigTest, NothingButOneRootIsAccepted) {
+  const std::string good = "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n</convoy>\n";
+  EXPECT_EQ(refusal(good), "accepted");
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  id 2\n</convoy>\n"), HasSubstr("take out the text in it"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">text<vehicle id=\"1\"/></convoy>\n"), HasSubstr("1: <convoy> holds elements"));
+  EXPECT_THAT(refusal("<convoy version=\"1\"><![CDATA[x]]><vehicle id=\"1\"/></convoy>\n"), HasSubstr("1: <convoy> holds elements"));
+  EXPECT_THAT(refusal(good + good), HasSubstr("4: a second root <convoy>"));
+  EXPECT_THAT(refusal(good + "<other/>\n"), HasSubstr("4: a second root <other>"));
+  EXPECT_NE(refusal(good + "some text\n"), "accepted");
+  EXPECT_NE(refusal("some text\n" + good), "accepted");
+  EXPECT_THAT(refusal("<!DOCTYPE convoy>\n" + good), HasSubstr("1: only <convoy version=\"1\"> may stand here"));
+  EXPECT_THAT(refusal("<vehicle id=\"1\"/>\n"), HasSubstr("1: the root element must be <convoy version=\"1\">"));
+  EXPECT_THAT(refusal(""), HasSubstr("1: not well-formed XML"));
+}
+
+TEST_F(VehicleConfigTest, TheVersionIsOneAndTheRootHasNothingElse) {
+  for (const std::string version : {"1.9", "01", "1 ", "2", "", "one"})
+    EXPECT_THAT(refusal("<convoy version=\"" + version + "\">\n<vehicle id=\"1\"/></convoy>\n"),
+                HasSubstr("1: <convoy> needs version=\"1\""))
+        << version;
+  EXPECT_THAT(refusal("<convoy>\n<vehicle id=\"1\"/></convoy>\n"), HasSubstr("1: <convoy> needs version=\"1\""));
+  EXPECT_THAT(refusal("<convoy version=\"1\"\n  name=\"x\">\n<vehicle id=\"1\"/></convoy>\n"),
+              HasSubstr("2: <convoy> has no entry 'name'; it has: version"));
+}
+
+TEST_F(VehicleConfigTest, ElementsStandOnceAndHoldAttributesOnly) {
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<vehicle id=\"2\"/></convoy>"), HasSubstr("3: <vehicle> stands here for the second time"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\">2</vehicle></convoy>"), HasSubstr("2: <vehicle> holds attributes only"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<dds domains=\"2\"/></convoy>"), HasSubstr("3: <dds> has no entry 'domains'"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<dds domain=\"2\"/></convoy>"), HasSubstr("1: <vehicle id=\"N\"/>"));
+}
+
+struct OutOfRange {
+  const char *element, *attribute, *words;
+};
+class VehicleConfigRange : public VehicleConfigTest, public testing::WithParamInterface<OutOfRange> {};
+
+TEST_P(VehicleConfigRange, IsRefusedWithItsLineAndTheMend) {
+  const auto& [element, attribute, words] = GetParam();
+  const std::string text = refusal_of(element, attribute);
+  EXPECT_THAT(text, HasSubstr(words));
+  // The line of the entry where the loader checks it; of its element where the stage does.
+  EXPECT_TRUE(text.rfind("4: ", 0) == 0 || text.rfind("3: ", 0) == 0) << text;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Entries, VehicleConfigRange,
+    testing::Values(OutOfRange{"dds", "domain=\"233\"", "<dds domain> must lie in 0..232"},
+                    OutOfRange{"sensors", "rate=\"0\"", "<sensors rate> must be > 0"},
+                    OutOfRange{"sensors", "rate=\"-3\"", "<sensors rate> must be > 0"},
+                    OutOfRange{"sensors", "rate=\"inf\"", "<sensors rate>: 'inf' is no finite number"},
+                    OutOfRange{"sensors", "start_unix_s=\"-1\"", "must be >= 0"},
+                    OutOfRange{"impairment", "loss=\"1\"", "loss is 1; it must lie in [0, 1)"},
+                    OutOfRange{"impairment", "duplicate=\"-0.5\"", "it must lie in [0, 1]"},
+                    OutOfRange{"impairment", "jitter_s=\"1e9\"", "it must lie in [0, 3600] s"},
+                    OutOfRange{"vehicle", "roster=\"2 3\"", "<vehicle roster> must name this vehicle, too: 1"},
+                    OutOfRange{"vehicle", "roster=\"1 1\"", "name each vehicle once"},
+                    OutOfRange{"vehicle", "roster=\"0 1\"", "name each vehicle once"},
+                    OutOfRange{"vehicle", "first_epoch=\"4\"", "stand beside a state_folder"},
+                    OutOfRange{"vehicle", "step_period_s=\"61\"", "lie in (0, 60] s"},
+                    OutOfRange{"vehicle", "searches_per_step=\"0\"", "be 1 or more"},
+                    OutOfRange{"vehicle", "live_period_s=\"0\"", "be > 0"},
+                    OutOfRange{"map", "period_s=\"-1\"", "<map period_s> must be > 0"},
+                    OutOfRange{"map", "min_pairings=\"2\"", "be 3 or more"},
+                    OutOfRange{"map", "residual=\"1\"", "lie in (0, 1)"},
+                    OutOfRange{"map", "backend=\"paper\"", "'paper' must be sparse or ekf"},
+                    OutOfRange{"repair", "digest_period_s=\"0\"", "be > 0"},
+                    OutOfRange{"repair", "max_ranges=\"65\"", "lie in 1..64"},
+                    OutOfRange{"repair", "backoff_max_s=\"0.1\"", "be at least backoff_min_s"},
+                    OutOfRange{"drift", "gamma=\"0\"", "gamma must be > 0"},
+                    OutOfRange{"front_end", "gate=\"1\"", "confidences must lie in (0, 1)"},
+                    OutOfRange{"association", "min_pairings=\"2\"", "min_pairings must be >= 3"},
+                    OutOfRange{"static_bias", "sigma_x_m=\"-1\"", "<static_bias sigma_x_m> must be >= 0"},
+                    OutOfRange{"drift", "gamma=\" 1\"", "' 1' is no finite number"},
+                    OutOfRange{"drift", "gamma=\"0x10\"", "is no finite number"},
+                    OutOfRange{"dds", "domain=\"+5\"", "is no whole number"},
+                    OutOfRange{"dds", "domain=\"4294967296\"", "is no whole number from 0 to 4294967295"}));
+
+}  // namespace
+}  // namespace convoy
