@@ -12,15 +12,31 @@ namespace {
 // ---- group elements --------------------------------------------------------------------------------------------
 
 std::vector<double> coordinates(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
+std::vector<double> coordinates(const SE3& T) {
+  const SE3::Point& t = T.translation();
+  const SE3::Quaternion& q = T.quaternion();
+  return {t.x(), t.y(), t.z(), q[0], q[1], q[2], q[3]};
+}
+
+bool all_finite(const std::vector<double>& c) {
+  return std::all_of(c.begin(), c.end(), [](double value) { return std::isfinite(value); });
+}
 
 WireStatus from_coordinates(const std::vector<double>& c, SE2& T) {
   if (c.size() != 3) return WireStatus::wrong_size;
-  for (const double value : c)
-    if (!std::isfinite(value)) return WireStatus::not_finite;
+  if (!all_finite(c)) return WireStatus::not_finite;
   // The content hash of a fact covers the angle as stored: an angle that would be wrapped here was not written by us.
   if (wrap_angle(c[2]) != c[2]) return WireStatus::out_of_range;
   T = SE2(c[0], c[1], c[2]);
   return WireStatus::ok;
+}
+WireStatus from_coordinates(const std::vector<double>& c, SE3& T) {
+  if (c.size() != 7) return WireStatus::wrong_size;
+  if (!all_finite(c)) return WireStatus::not_finite;
+  const SE3::Quaternion q(c[3], c[4], c[5], c[6]);
+  T = SE3(q, {c[0], c[1], c[2]});
+  // For the same reason: a quaternion that is not of length one, or -q for q, was not written by us.
+  return T.quaternion() == q ? WireStatus::ok : WireStatus::out_of_range;
 }
 
 // ---- small parts -----------------------------------------------------------------------------------------------
@@ -443,7 +459,8 @@ WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& samp
 template <class G>
 WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   if (sample.vehicle() == 0) return WireStatus::out_of_range;
-  if (sample.dimension() != G::Dim) return WireStatus::wrong_dimension;
+  // A fleet of the other dimension is for the receiver to refuse, who says so; its marks speak of chains that are not ours.
+  if (sample.dimension() != SE2::Dim && sample.dimension() != SE3::Dim) return WireStatus::wrong_dimension;
   if (sample.marks().size() > bounds::chains) return WireStatus::too_many;
   Digest digest;
   digest.dimension = sample.dimension();

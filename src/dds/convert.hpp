@@ -18,7 +18,7 @@ enum class WireStatus : std::uint8_t {
   unknown_enum,     ///< a number that names nothing
   too_many,         ///< more elements than the format allows
   not_finite,       ///< a NaN or an infinity
-  out_of_range,     ///< an angle beyond pi, a vehicle 0, an empty range or batch
+  out_of_range,     ///< an angle beyond pi, a quaternion not of length one, a vehicle 0, an empty range or batch
   not_symmetric,    ///< to the wire: a covariance whose packed form would not give the same matrix back
 };
 const char* to_string(WireStatus status);
