@@ -1,9 +1,9 @@
-// SE(3), the group of poses in space, with the members of SE2. T_a_b maps points of frame b into frame a: p_a = R p_b + t.
-// Tangent vectors are (rho, theta), six numbers: metres, then a rotation vector in radians. Perturbations are on the right:
-// T <- T * Exp(d), d ~ N(0, P) (DESIGN: notation).
+// SE(3), the group of poses in space, with the members of SE2. T_a_b maps points of frame b into frame a:
+// p_a = R p_b + t. Tangent vectors are (rho, theta): three numbers in metres, then a rotation vector in radians.
+// Perturbations are on the right (body frame): T <- T * Exp(d), d ~ N(0, P) (DESIGN: notation).
 //
-// The rotation is a unit quaternion in one canonical form, so that equal poses have equal bits: of q and -q the one with
-// the first non-zero component positive, and a quaternion that is normalised already is left as it is.
+// The rotation is a unit quaternion in one canonical form, which survives being sent and stored to the bit: of q and -q
+// the one whose first non-zero component is positive; one that is normalised already is left as it is.
 #pragma once
 
 #include <Eigen/Core>
@@ -128,7 +128,7 @@ class SE3 {
   static Quaternion normalised(const Quaternion& q) {
     const double n2 = q.squaredNorm();
     const double sign = first_positive(q) ? 1.0 : -1.0;
-    if (std::abs(n2 - 1.0) < 4e-15) return sign * q;  // dividing once leaves less, so that a second time changes nothing
+    if (std::abs(n2 - 1.0) < 4e-15) return sign * q;  // dividing leaves less: a second time changes nothing
     return sign * q / std::sqrt(n2);
   }
   static bool first_positive(const Quaternion& q) {

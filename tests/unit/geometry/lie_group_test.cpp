@@ -104,7 +104,8 @@ TYPED_TEST(LieGroup, ExpHasNoStepWhereItsSeriesTakesOver) {
       above.template tail<TypeParam::Dof - TypeParam::Dim>().normalize();
       below.template tail<TypeParam::Dof - TypeParam::Dim>() *= angle * (1.0 - 1e-12);
       above.template tail<TypeParam::Dof - TypeParam::Dim>() *= angle * (1.0 + 1e-12);
-      EXPECT_LT(this->distance(TypeParam::Exp(below), TypeParam::Exp(above)), 1e-9) << "seed " << seed << ", case " << i;
+      EXPECT_LT(this->distance(TypeParam::Exp(below), TypeParam::Exp(above)), 1e-9)
+          << "seed " << seed << ", angle " << angle << ", case " << i;
       const auto difference =
           (TypeParam::right_jacobian_inverse(below) - TypeParam::right_jacobian_inverse(above)).eval();
       EXPECT_LT(difference.norm(), 1e-6 * above.norm()) << "seed " << seed << ", case " << i;
@@ -202,7 +203,8 @@ TYPED_TEST(LieGroup, PerturbationOfAnInverseIsThatOfTheAdjoint) {
   for (int i = 0; i < cases; ++i) {
     const auto X = this->element();
     const auto d = this->tangent(1.0, 0.5);
-    EXPECT_LT(this->distance((X * TypeParam::Exp(d)).inverse(), X.inverse() * TypeParam::Exp(-(X.adjoint() * d))), 1e-10)
+    const auto moved = X.inverse() * TypeParam::Exp(-(X.adjoint() * d));
+    EXPECT_LT(this->distance((X * TypeParam::Exp(d)).inverse(), moved), 1e-10)
         << "seed " << seed << ", case " << i;
   }
 }
