@@ -315,8 +315,10 @@ WireStatus from_wire(const v1::Prior& sample, Message<G>& message) {
 
 // ---- associations ----------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const AssociationFact& fact, v1::Association& sample) {
   set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
   auto& groups = sample.groups();
   groups.clear();
   if (fact.pairings.size() > bounds::pairs) return WireStatus::too_many;
@@ -339,7 +341,8 @@ WireStatus to_wire(const ChainId& sender, const AssociationFact& fact, v1::Assoc
 
 template <class G>
 WireStatus from_wire(const v1::Association& sample, Message<G>& message) {
-  if (check_names(sample) != WireStatus::ok) return WireStatus::out_of_range;
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
   if (sample.groups().size() > bounds::pairing_groups) return WireStatus::too_many;
   AssociationFact fact;
   fact.key = {author(sample), sample.index()};
@@ -355,8 +358,10 @@ WireStatus from_wire(const v1::Association& sample, Message<G>& message) {
 
 // ---- verdicts --------------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const VerdictFact& fact, v1::Verdict& sample) {
   set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
   sample.hypothesis(fact.hypothesis);
   sample.veto(fact.veto);
   return WireStatus::ok;
@@ -366,7 +371,7 @@ template <class G>
 WireStatus from_wire(const v1::Verdict& sample, Message<G>& message) {
   message = {core_chain(sample.sender()),
              VerdictFact{{author(sample), sample.index()}, sample.hypothesis(), sample.veto()}};
-  return check_names(sample);
+  return first_refusal(check_names(sample), check_dimension<G>(sample));
 }
 
 // ---- live poses ------------------------------------------------------------------------------------------------
@@ -398,6 +403,7 @@ WireStatus from_wire(const v1::Pose& sample, Message<G>& message) {
 
 // ---- requests --------------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const Request& request, v1::Request& sample) {
   if (request.ranges.size() > bounds::ranges) return WireStatus::too_many;
   set_author(sender, sample);
@@ -430,6 +436,7 @@ WireStatus from_wire(const v1::Request& sample, Message<G>& message) {
 
 // ---- digests ---------------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample) {
   set_author(sender, sample);
   sample.dimension(digest.dimension);
@@ -491,6 +498,10 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&);  \
   template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                  \
   template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                    \
+  template WireStatus to_wire<G>(const ChainId&, const AssociationFact&, v1::Association&);           \
+  template WireStatus to_wire<G>(const ChainId&, const VerdictFact&, v1::Verdict&);                   \
+  template WireStatus to_wire<G>(const ChainId&, const Request&, v1::Request&);                       \
+  template WireStatus to_wire<G>(const ChainId&, const Digest&, v1::Digest&);                         \
   template WireStatus from_wire<G>(const v1::Bias&, Message<G>&);                                   \
   template WireStatus from_wire<G>(const v1::Landmark&, Message<G>&);                               \
   template WireStatus from_wire<G>(const v1::Prior&, Message<G>&);                                  \
