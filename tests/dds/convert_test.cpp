@@ -220,7 +220,7 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
 
   v1::Digest digest;
   ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 1, 2, 3, 4}, digest), WireStatus::ok);
-  EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for the receiver to refuse and count";
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for its receiver to count";
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(4); }), WireStatus::wrong_dimension);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x20); }), WireStatus::unknown_enum);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);
@@ -340,7 +340,8 @@ TEST(ConvertInSpace, RefusesWhatIsOfThePlaneOrNoRotation) {
 // ---- the scan before decoding -----------------------------------------------------------------------------------
 
 TEST(WireScan, ReadsBothByteOrders) {
-  // Verdict, big endian: sender (epoch 8, vehicle 4), vehicle 4, epoch 8, index 4, dimension 1, pad 3, hypothesis 8, veto 1.
+  // Verdict, big endian: sender (epoch 8, vehicle 4), vehicle 4, epoch 8, index 4, dimension 1, pad 3, hypothesis 8,
+  // veto 1.
   std::vector<std::uint8_t> bytes(4 + 41, 0);
   EXPECT_EQ(scan_payload<v1::Verdict>(bytes.data(), bytes.size()), Decoding::ok);
   // Association with 2 groups in big endian, of which the second is cut.
