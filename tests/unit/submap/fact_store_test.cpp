@@ -376,7 +376,6 @@ TEST(FactStoreInSpace, RefusesWhatIsNotFiniteInAnyCoordinate) {
   AnchorFact<SE3> good{test::key_of(1, 1), {}};
   good.state.pose = SE3({1.0, 0.2, -0.1, 0.3}, {1.0, 2.0, 3.0});
   good.state.drift.setIdentity();
-  const double nan = std::numeric_limits<double>::quiet_NaN();
   for (int k = 0; k < 7; ++k) {
     SE3::Point t = good.state.pose.translation();
     SE3::Quaternion q = good.state.pose.quaternion();
