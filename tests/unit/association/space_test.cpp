@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <set>
 
 namespace convoy {
@@ -103,6 +104,23 @@ TEST(AssociateInSpace, RefusesAMirroredWorld) {
     compared += result.rejection == Rejection::geometry;
   }
   EXPECT_GE(compared, 20) << "distances alone fit a mirror image";
+}
+
+// The same places in a layer of 0.6 m instead of 12 m: a random landmark meets one of them far more often, which a ball
+// that is mostly sky would not show.
+TEST(AssociateInSpace, AFlatWorldIsADenseOne) {
+  double log_ratio = 0.0;
+  int compared = 0;
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    Meeting tall(seed, 1.0), flat(seed, 0.05);
+    const auto in_tall = associate(tall.a, tall.b, Prior{}, {}), in_flat = associate(flat.a, flat.b, Prior{}, {});
+    if (in_tall.decision != Decision::accepted || in_flat.decision != Decision::accepted) continue;
+    if (in_tall.support != in_flat.support || tall.a.landmarks.size() != flat.a.landmarks.size()) continue;
+    ++compared;
+    log_ratio += std::log10(in_flat.expected_false_alarms / in_tall.expected_false_alarms);
+  }
+  ASSERT_GE(compared, 3);
+  EXPECT_GT(log_ratio / compared, 4.0);
 }
 
 // Lamps at equal distances along a straight road: every shift fits, and so does every turn about the road.
