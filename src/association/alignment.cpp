@@ -45,6 +45,15 @@ struct PairResidual {
   Eigen::Matrix<double, G::Dim, Alignment<G>::Size> J;
 };
 
+// In space, points in a row leave the rotation about it to their noise: such a covariance is large, and wrong, since
+// the truth may lie half a turn away.
+template <class G>
+bool fixes_rotation(const Alignment<G>& alignment) {
+  constexpr double max_sigma_rad = 0.3;
+  const typename G::Covariance P = alignment.covariance();
+  return G::Dim < 3 || P.diagonal().template tail<G::Dof - G::Dim>().maxCoeff() < max_sigma_rad * max_sigma_rad;
+}
+
 }  // namespace
 
 template <class G>
@@ -77,7 +86,7 @@ std::optional<Alignment<G>> align(const Batch<G>& a, const Batch<G>& b, const st
     if (ldlt.info() != Eigen::Success || !(ldlt.rcond() > 1e-14)) return std::nullopt;
     result.joint = symmetrised(Matrix(ldlt.solve(Matrix::Identity())));
     const Vector step = ldlt.solve(gradient);
-    if (step.dot(information * step) < 1e-18) return result;
+    if (step.dot(information * step) < 1e-18) return fixes_rotation(result) ? std::optional(result) : std::nullopt;
     result.T_a_b = result.T_a_b * G::Exp(step.template head<G::Dof>());
     result.shared_a += step.template segment<G::Shared>(G::Dof);
     result.shared_b += step.template tail<G::Shared>();

@@ -25,7 +25,7 @@ struct Alignment {
 
 /// Maximum a posteriori alignment of at least Dim pairs: closed-form start (Kabsch), then Gauss-Newton on
 /// r = (l_i - loading_i u_a) - T_a_b (l_j - loading_j u_b) with what is each landmark's own as noise and u ~ N(0, I).
-/// Empty if the geometry does not fix the motion.
+/// Empty if the geometry does not fix the motion: points in one place, in space also points in a row.
 template <class G>
 std::optional<Alignment<G>> align(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings);
 

@@ -14,17 +14,37 @@ namespace {
 // Volume of the unit ball in Dim dimensions.
 constexpr double unit_ball(int dim) { return dim == 2 ? M_PI : 4.0 / 3.0 * M_PI; }
 
+// The shape of a batch in space: its covariance about the mean, largest eigenvalue 1. A world seen from a vehicle is
+// often wide and low, and a ball around a landmark would be mostly sky. No direction counts as thinner than a gate of
+// this volume. The identity in the plane.
+template <class G>
+typename G::PointCovariance shape_of(const Batch<G>& batch, double gate_volume) {
+  using Matrix = typename G::PointCovariance;
+  if constexpr (G::Dim < 3) return Matrix::Identity();
+  typename G::Point mean = G::Point::Zero();
+  for (const auto& l : batch.landmarks) mean += l.position / static_cast<double>(batch.landmarks.size());
+  Matrix scatter = std::pow(gate_volume / unit_ball(G::Dim), 2.0 / G::Dim) * Matrix::Identity();
+  for (const auto& l : batch.landmarks)
+    scatter += (l.position - mean) * (l.position - mean).transpose() / static_cast<double>(batch.landmarks.size());
+  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scatter, Eigen::EigenvaluesOnly);
+  return scatter / eigen.eigenvalues().maxCoeff();
+}
+
 // Probability that a landmark thrown at random among those of `batch` falls within a gate of this volume around one of
 // them: the local density, from the distance to the fourth neighbour, averaged over the batch.
 template <class G>
 double chance_of_a_match(const Batch<G>& batch, double gate_volume) {
   const std::size_t neighbour = std::min<std::size_t>(4, batch.landmarks.size() - 1);
+  const Eigen::LLT<typename G::PointCovariance> shape(shape_of(batch, gate_volume));
+  const typename G::PointCovariance L = shape.matrixL();
+  const double flatness = unit_ball(G::Dim) * L.diagonal().prod();
   double sum = 0.0;
   for (const auto& l : batch.landmarks) {
     std::vector<double> squared;
-    for (const auto& other : batch.landmarks) squared.push_back((other.position - l.position).squaredNorm());
+    for (const auto& other : batch.landmarks)
+      squared.push_back(shape.matrixL().solve(other.position - l.position).squaredNorm());
     std::nth_element(squared.begin(), squared.begin() + static_cast<std::ptrdiff_t>(neighbour), squared.end());
-    const double ball = unit_ball(G::Dim) * std::pow(std::max(squared[neighbour], 1e-6), 0.5 * G::Dim);
+    const double ball = flatness * std::pow(std::max(squared[neighbour], 1e-6), 0.5 * G::Dim);
     sum += 1.0 - std::exp(-static_cast<double>(neighbour) / ball * gate_volume);
   }
   return sum / static_cast<double>(batch.landmarks.size());
@@ -51,7 +71,7 @@ class Associator {
     if (static_cast<int>(best.pairings.size()) < params_.min_pairings) return reject(Rejection::too_few_pairings);
     if (!settle(best.pairings)) return reject(Rejection::geometry);
     if (!fits_prior()) return reject(Rejection::prior);
-    result_.expected_false_alarms = expected_false_alarms();
+    result_.expected_false_alarms = expected_false_alarms(graph);
     if (result_.expected_false_alarms > params_.max_false_alarms) return reject(Rejection::chance);
     result_.runner_up = runner_up(graph);
     if (result_.runner_up > params_.max_runner_up_share * result_.support) {
@@ -199,16 +219,17 @@ class Associator {
            chi2_quantile(params_.constraints.compatibility, G::Dof);
   }
 
-  // Every compatible pair of pairings proposes one alignment; each other landmark agrees with it by chance with
-  // probability q. The expected number of alignments with as much support as ours, all of them chance:
-  double expected_false_alarms() const {
+  // Every compatible pair of pairings (three in space) proposes one alignment; each other landmark agrees with it by
+  // chance with probability q. The expected number of alignments with as much support as ours, all of them chance:
+  double expected_false_alarms(const CompatibilityGraph& graph) const {
+    const std::uint64_t proposals = G::Dim == 2 ? graph.edges() : graph.triangles();
     double volume = 0.0;
     for (const auto& [i, j] : settled_)
       volume += unit_ball(G::Dim) * std::pow(gate_chi2_, 0.5 * G::Dim) *
                 std::sqrt(residual_covariance(result_.alignment, in_a(i), in_b(j)).determinant());
     const double q = chance_of_a_match(a_, volume / static_cast<double>(settled_.size()));
     const int others = static_cast<int>(std::min(a_.landmarks.size(), b_.landmarks.size())) - G::Dim;
-    return static_cast<double>(result_.compatible) * binomial_tail(others, q, result_.support - G::Dim);
+    return static_cast<double>(proposals) * binomial_tail(others, q, result_.support - G::Dim);
   }
 
   // Support of the best alignment made of pairings that disagree with ours.

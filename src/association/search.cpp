@@ -185,6 +185,17 @@ void CompatibilityGraph::connect(std::size_t v, std::size_t w) {
   ++edges_;
 }
 
+std::uint64_t CompatibilityGraph::triangles() const {
+  std::uint64_t thrice = 0;
+  for (std::size_t v = 0; v < size(); ++v)
+    for (std::size_t w = v + 1; w < size(); ++w) {
+      if (!adjacent(v, w)) continue;
+      for (std::size_t k = 0; k < words_; ++k)
+        thrice += static_cast<std::uint64_t>(std::popcount(row(v)[k] & row(w)[k]));
+    }
+  return thrice / 3;
+}
+
 CompatibilityGraph CompatibilityGraph::without(const std::function<bool(const IndexPairing&)>& removed) const {
   std::vector<IndexPairing> kept;
   std::vector<std::size_t> index;

@@ -35,6 +35,8 @@ class CompatibilityGraph {
   const std::uint64_t* row(std::size_t v) const { return bits_.data() + v * words_; }
   std::size_t words() const { return words_; }
   std::uint64_t edges() const { return edges_; }
+  /// Threes of candidates that go together pairwise.
+  std::uint64_t triangles() const;
   /// The graph without the candidates for which removed(candidate) holds.
   CompatibilityGraph without(const std::function<bool(const IndexPairing&)>& removed) const;
 

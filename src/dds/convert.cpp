@@ -12,15 +12,31 @@ namespace {
 // ---- group elements --------------------------------------------------------------------------------------------
 
 std::vector<double> coordinates(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
+std::vector<double> coordinates(const SE3& T) {
+  const SE3::Point& t = T.translation();
+  const SE3::Quaternion& q = T.quaternion();
+  return {t.x(), t.y(), t.z(), q[0], q[1], q[2], q[3]};
+}
+
+bool all_finite(const std::vector<double>& c) {
+  return std::all_of(c.begin(), c.end(), [](double value) { return std::isfinite(value); });
+}
 
 WireStatus from_coordinates(const std::vector<double>& c, SE2& T) {
   if (c.size() != 3) return WireStatus::wrong_size;
-  for (const double value : c)
-    if (!std::isfinite(value)) return WireStatus::not_finite;
+  if (!all_finite(c)) return WireStatus::not_finite;
   // The content hash of a fact covers the angle as stored: an angle that would be wrapped here was not written by us.
   if (wrap_angle(c[2]) != c[2]) return WireStatus::out_of_range;
   T = SE2(c[0], c[1], c[2]);
   return WireStatus::ok;
+}
+WireStatus from_coordinates(const std::vector<double>& c, SE3& T) {
+  if (c.size() != 7) return WireStatus::wrong_size;
+  if (!all_finite(c)) return WireStatus::not_finite;
+  const SE3::Quaternion q(c[3], c[4], c[5], c[6]);
+  T = SE3(q, {c[0], c[1], c[2]});
+  // For the same reason: a quaternion that is not of length one, or -q for q, was not written by us.
+  return T.quaternion() == q ? WireStatus::ok : WireStatus::out_of_range;
 }
 
 // ---- small parts -----------------------------------------------------------------------------------------------
@@ -299,8 +315,10 @@ WireStatus from_wire(const v1::Prior& sample, Message<G>& message) {
 
 // ---- associations ----------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const AssociationFact& fact, v1::Association& sample) {
   set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
   auto& groups = sample.groups();
   groups.clear();
   if (fact.pairings.size() > bounds::pairs) return WireStatus::too_many;
@@ -323,7 +341,8 @@ WireStatus to_wire(const ChainId& sender, const AssociationFact& fact, v1::Assoc
 
 template <class G>
 WireStatus from_wire(const v1::Association& sample, Message<G>& message) {
-  if (check_names(sample) != WireStatus::ok) return WireStatus::out_of_range;
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
   if (sample.groups().size() > bounds::pairing_groups) return WireStatus::too_many;
   AssociationFact fact;
   fact.key = {author(sample), sample.index()};
@@ -339,8 +358,10 @@ WireStatus from_wire(const v1::Association& sample, Message<G>& message) {
 
 // ---- verdicts --------------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const VerdictFact& fact, v1::Verdict& sample) {
   set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
   sample.hypothesis(fact.hypothesis);
   sample.veto(fact.veto);
   return WireStatus::ok;
@@ -350,7 +371,7 @@ template <class G>
 WireStatus from_wire(const v1::Verdict& sample, Message<G>& message) {
   message = {core_chain(sample.sender()),
              VerdictFact{{author(sample), sample.index()}, sample.hypothesis(), sample.veto()}};
-  return check_names(sample);
+  return first_refusal(check_names(sample), check_dimension<G>(sample));
 }
 
 // ---- live poses ------------------------------------------------------------------------------------------------
@@ -382,6 +403,7 @@ WireStatus from_wire(const v1::Pose& sample, Message<G>& message) {
 
 // ---- requests --------------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const Request& request, v1::Request& sample) {
   if (request.ranges.size() > bounds::ranges) return WireStatus::too_many;
   set_author(sender, sample);
@@ -414,6 +436,7 @@ WireStatus from_wire(const v1::Request& sample, Message<G>& message) {
 
 // ---- digests ---------------------------------------------------------------------------------------------------
 
+template <class G>
 WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample) {
   set_author(sender, sample);
   sample.dimension(digest.dimension);
@@ -443,7 +466,8 @@ WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& samp
 template <class G>
 WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   if (sample.vehicle() == 0) return WireStatus::out_of_range;
-  if (sample.dimension() != G::Dim) return WireStatus::wrong_dimension;
+  // A fleet of the other dimension is for the receiver to refuse, who says so; its marks speak of chains that are not ours.
+  if (sample.dimension() != SE2::Dim && sample.dimension() != SE3::Dim) return WireStatus::wrong_dimension;
   if (sample.marks().size() > bounds::chains) return WireStatus::too_many;
   Digest digest;
   digest.dimension = sample.dimension();
@@ -474,6 +498,10 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&);  \
   template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                  \
   template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                    \
+  template WireStatus to_wire<G>(const ChainId&, const AssociationFact&, v1::Association&);           \
+  template WireStatus to_wire<G>(const ChainId&, const VerdictFact&, v1::Verdict&);                   \
+  template WireStatus to_wire<G>(const ChainId&, const Request&, v1::Request&);                       \
+  template WireStatus to_wire<G>(const ChainId&, const Digest&, v1::Digest&);                         \
   template WireStatus from_wire<G>(const v1::Bias&, Message<G>&);                                   \
   template WireStatus from_wire<G>(const v1::Landmark&, Message<G>&);                               \
   template WireStatus from_wire<G>(const v1::Prior&, Message<G>&);                                  \

@@ -18,7 +18,7 @@ enum class WireStatus : std::uint8_t {
   unknown_enum,     ///< a number that names nothing
   too_many,         ///< more elements than the format allows
   not_finite,       ///< a NaN or an infinity
-  out_of_range,     ///< an angle beyond pi, a vehicle 0, an empty range or batch
+  out_of_range,     ///< an angle beyond pi, a quaternion not of length one, a vehicle 0, an empty range or batch
   not_symmetric,    ///< to the wire: a covariance whose packed form would not give the same matrix back
 };
 const char* to_string(WireStatus status);
@@ -34,12 +34,17 @@ template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const PriorFact<G>& fact, v1::Prior& sample);
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const LivePose<G>& pose, v1::Pose& sample);
+/// What follows says nothing of the group; name that of the fleet: to_wire<G>(...).
+template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const AssociationFact& fact, v1::Association& sample);
+template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const VerdictFact& fact, v1::Verdict& sample);
+template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const Request& request, v1::Request& sample);
+template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample);
 
-/// From the wire. `message` is meaningful only if the status is ok. Whether the content is plausible (positive
+/// From the wire. A digest of a fleet of the other dimension is let through, for its receiver to count. `message` is meaningful only if the status is ok. Whether the content is plausible (positive
 /// covariances, limits of coordinates) is the business of FactStore.
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Bias& sample, Message<G>& message);

@@ -354,7 +354,7 @@ struct DdsExchange<G>::Impl {
   template <class PubSubType, class Part>
   bool convert_and_write(Channel<G, PubSubType>& channel, const ChainId& sender, const Part& part) {
     typename PubSubType::type sample;
-    if (to_wire(sender, part, sample) != WireStatus::ok) {
+    if (to_wire<G>(sender, part, sample) != WireStatus::ok) {
       ++refused_to_wire;
       return false;
     }

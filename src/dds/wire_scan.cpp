@@ -122,6 +122,7 @@ void scan(WireScan& wire, const v1::Association*) {
   scan_chain(wire);
   scan_author(wire);
   wire.skip(4);
+  wire.skip(1);
   for (std::uint32_t n = wire.length(bounds::pairing_groups); n > 0 && wire.ok(); --n) {
     scan_chain(wire);
     scan_chain(wire);
@@ -133,6 +134,7 @@ void scan(WireScan& wire, const v1::Verdict*) {
   scan_chain(wire);
   scan_author(wire);
   wire.skip(4);
+  wire.skip(1);
   wire.skip(8);
   wire.skip(1);
 }

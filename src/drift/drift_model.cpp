@@ -23,7 +23,11 @@ void validate(const DriftParams<G>& p) {
   if (!(p.landmark_inflation >= 1.0)) throw ConfigError("drift: landmark_inflation must be >= 1");
   const auto translation = p.rate.template head<G::Dim>();
   if (p.model == DriftModel::literal && (translation.array() != translation[0]).any())
-    throw ConfigError("drift: the literal model needs equal rates in x and y, since its noise has no direction");
+    throw ConfigError("drift: the literal model needs equal rates in x and y (and z), since its noise has no direction");
+  const auto tilt = p.rate.template segment<G::Dof - G::Dim - 1>(G::Dim);  // roll and pitch; none in the plane
+  const double yaw = p.rate[G::Dof - 1];
+  if (p.model == DriftModel::literal && (tilt.array() != 0.0).any() && (tilt.array() != yaw).any())
+    throw ConfigError("drift: the literal model needs equal rates of rotation, or none but about z");
 }
 
 template <class G>

@@ -14,7 +14,9 @@ namespace convoy {
 
 enum class DriftModel : std::uint8_t {
   local,    ///< drift happens where the vehicle is; the default
-  literal,  ///< the paper's eq. 3-4: P_b grows by ds * P_eps, wherever the vehicle is. Needs equal x and y rates.
+  /// The paper's eq. 3-4: P_b grows by ds * P_eps, wherever the vehicle is; in space likewise, with six components. Needs
+  /// equal rates of translation, and equal rates of rotation or none but about z.
+  literal,
 };
 
 template <class G>

@@ -2,9 +2,12 @@
 #pragma once
 
 #include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/se3.hpp>
 
 /// Expands MACRO(G) once per group.
-#define CONVOY_FOR_EACH_GROUP(MACRO) MACRO(::convoy::SE2)
+#define CONVOY_FOR_EACH_GROUP(MACRO) \
+  MACRO(::convoy::SE2)               \
+  MACRO(::convoy::SE3)
 
 namespace convoy {
 
@@ -12,6 +15,10 @@ namespace convoy {
 template <class HashLike>
 void add_group(HashLike& hash, const SE2& T) {
   hash.add(T.translation()).add(T.theta());
+}
+template <class HashLike>
+void add_group(HashLike& hash, const SE3& T) {
+  hash.add(T.translation()).add(T.quaternion());
 }
 
 }  // namespace convoy

@@ -1,5 +1,6 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/factors.hpp>
 #include <convoy/map/sparse_map.hpp>
 
 #include <Eigen/Sparse>
@@ -84,7 +85,6 @@ class NormalEquations {
 
  private:
   using Dof = typename G::Covariance;
-  using Tangent = typename G::Tangent;
 
   Eigen::Index node(int n) const { return G::Dof * n; }
   Eigen::Index point(int p) const { return G::Dof * nodes_ + G::Dim * p; }
@@ -99,9 +99,8 @@ class NormalEquations {
   double prior(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F0
     const PriorFactor<G>& f = problem_.priors[k];
     const Dof& W = prior_information_[k];
-    const Tangent r = (f.mean.inverse() * poses[static_cast<std::size_t>(f.node)]).Log();
+    const auto [r, J] = PriorResidual<G>(f, poses[static_cast<std::size_t>(f.node)]);
     if (assemble) {
-      const Dof J = G::right_jacobian_inverse(r);
       add_block(node(f.node), node(f.node), Dof(J.transpose() * W * J));
       gradient_.segment<G::Dof>(node(f.node)) -= J.transpose() * W * r;
     }
@@ -111,11 +110,9 @@ class NormalEquations {
   double drift(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F1
     const DriftFactor<G>& f = problem_.drifts[k];
     const Dof& W = drift_information_[k];
-    const G T_a_b = poses[static_cast<std::size_t>(f.a)].inverse() * poses[static_cast<std::size_t>(f.b)];
-    const Tangent r = (f.motion.inverse() * T_a_b).Log();
+    const auto [r, J_b, J_a] =
+        DriftResidual<G>(f, poses[static_cast<std::size_t>(f.a)], poses[static_cast<std::size_t>(f.b)]);
     if (assemble) {
-      const Dof J_b = G::right_jacobian_inverse(r);
-      const Dof J_a = -J_b * T_a_b.inverse().adjoint();
       add_block(node(f.a), node(f.a), Dof(J_a.transpose() * W * J_a));
       add_block(node(f.b), node(f.a), Dof(J_b.transpose() * W * J_a));
       add_block(node(f.b), node(f.b), Dof(J_b.transpose() * W * J_b));
@@ -129,17 +126,14 @@ class NormalEquations {
                   bool assemble) {  // F2
     const LandmarkFactor<G>& f = problem_.landmarks[k];
     const typename G::PointCovariance& W = landmark_information_[k];
-    const G& T = poses[static_cast<std::size_t>(f.node)];
-    const typename G::PointCovariance Rt = T.rotation().transpose();
-    const typename G::Point q = Rt * (points[static_cast<std::size_t>(f.point)] - T.translation());
-    const typename G::Point r = q - f.position;
+    const auto [r, J_T, J_m] = LandmarkResidual<G>(f, poses[static_cast<std::size_t>(f.node)],
+                                                   points[static_cast<std::size_t>(f.point)]);
     if (assemble) {
-      const typename G::PointJacobian J_T = -G().act_jacobian(q);  // d(T^-1 m) = -[I, J q] d_T
       add_block(node(f.node), node(f.node), Dof(J_T.transpose() * W * J_T));
-      add_block(point(f.point), node(f.node), typename G::PointJacobian(Rt.transpose() * W * J_T));
-      add_block(point(f.point), point(f.point), typename G::PointCovariance(Rt.transpose() * W * Rt));
+      add_block(point(f.point), node(f.node), typename G::PointJacobian(J_m.transpose() * W * J_T));
+      add_block(point(f.point), point(f.point), typename G::PointCovariance(J_m.transpose() * W * J_m));
       gradient_.segment<G::Dof>(node(f.node)) -= J_T.transpose() * W * r;
-      gradient_.segment<G::Dim>(point(f.point)) -= Rt.transpose() * W * r;
+      gradient_.segment<G::Dim>(point(f.point)) -= J_m.transpose() * W * r;
     }
     return r.dot(W * r);
   }

@@ -9,6 +9,7 @@ namespace convoy {
 namespace {
 
 bool finite(const SE2& T) { return T.translation().allFinite() && std::isfinite(T.theta()); }
+bool finite(const SE3& T) { return T.translation().allFinite() && T.quaternion().allFinite(); }
 
 template <class G>
 Insertion check_pose(const G& pose, const FactLimits& limits) {

@@ -1,7 +1,7 @@
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/wire_bounds.hpp>
-#include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/groups.hpp>
 
 #include <gtest/gtest.h>
 
@@ -55,12 +55,12 @@ typename PubSubType::type over_the_wire(typename PubSubType::type& sample) {
   return received.sample;
 }
 
-template <class PubSubType, class Part>
-Message<SE2> round_trip(const Part& part) {
+template <class PubSubType, class G = SE2, class Part>
+Message<G> round_trip(const Part& part) {
   typename PubSubType::type sample;
-  EXPECT_EQ(to_wire(sender, part, sample), WireStatus::ok);
+  EXPECT_EQ(to_wire<G>(sender, part, sample), WireStatus::ok);
   const auto received = over_the_wire<PubSubType>(sample);
-  Message<SE2> message;
+  Message<G> message;
   EXPECT_EQ(from_wire(received, message), WireStatus::ok);
   EXPECT_EQ(message.sender, sender);
   return message;
@@ -140,7 +140,7 @@ TEST(Convert, ADigestOfTwoVehiclesIsSmall) {
   for (const ChainId chain : {sender, author})
     for (int kind = 0; kind < fact_kind_count; ++kind) digest.marks.push_back({chain, static_cast<FactKind>(kind), 9, 9, 9});
   v1::Digest sample;
-  ASSERT_EQ(to_wire(sender, digest, sample), WireStatus::ok);
+  ASSERT_EQ(to_wire<SE2>(sender, digest, sample), WireStatus::ok);
   EXPECT_LE(v1::Digest::getCdrSerializedSize(sample), 300U);
 }
 
@@ -213,14 +213,15 @@ TEST(Convert, RefusesBadLandmarks) {
 
 TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   v1::Request request;
-  ASSERT_EQ(to_wire(sender, Request{author, FactKind::anchor, {{1, 2}}}, request), WireStatus::ok);
+  ASSERT_EQ(to_wire<SE2>(sender, Request{author, FactKind::anchor, {{1, 2}}}, request), WireStatus::ok);
   EXPECT_EQ(status_of(request, [](auto& s) { s.kind(static_cast<v1::FactKind>(77)); }), WireStatus::unknown_enum);
   EXPECT_EQ(status_of(request, [](auto& s) { s.ranges()[0].end(1); }), WireStatus::out_of_range);
   EXPECT_EQ(status_of(request, [](auto& s) { s.ranges().resize(65, s.ranges()[0]); }), WireStatus::too_many);
 
   v1::Digest digest;
-  ASSERT_EQ(to_wire(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 1, 2, 3, 4}, digest), WireStatus::ok);
-  EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::wrong_dimension);
+  ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 1, 2, 3, 4}, digest), WireStatus::ok);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for its receiver to count";
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(4); }), WireStatus::wrong_dimension);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x20); }), WireStatus::unknown_enum);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks().resize(257, s.marks()[0]); }), WireStatus::too_many);
@@ -230,9 +231,16 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   EXPECT_EQ(status_of(pose, [](auto& s) { s.integrity(static_cast<v1::Integrity>(77)); }), WireStatus::unknown_enum);
 
   v1::Association association;
-  ASSERT_EQ(to_wire(sender, AssociationFact{{author, 0}, {{{sender, 1}, {author, 1}}}}, association), WireStatus::ok);
+  ASSERT_EQ(to_wire<SE2>(sender, AssociationFact{{author, 0}, {{{sender, 1}, {author, 1}}}}, association), WireStatus::ok);
+  EXPECT_EQ(status_of(association, [](auto& s) { s.dimension(3); }), WireStatus::wrong_dimension);
   EXPECT_EQ(status_of(association, [](auto& s) { s.groups()[0].pairs().resize(4097); }), WireStatus::too_many);
   EXPECT_EQ(status_of(association, [](auto& s) { s.groups().resize(65, s.groups()[0]); }), WireStatus::too_many);
+}
+
+TEST(Convert, RefusesAVerdictOfTheOtherDimension) {
+  v1::Verdict verdict;
+  ASSERT_EQ(to_wire<SE3>(sender, VerdictFact{{author, 0}, 1, true}, verdict), WireStatus::ok);
+  EXPECT_EQ(status_of(verdict, [](auto&) {}), WireStatus::wrong_dimension);
 }
 
 TEST(Convert, RefusesToSendWhatWouldNotArriveAsItIs) {
@@ -242,20 +250,105 @@ TEST(Convert, RefusesToSendWhatWouldNotArriveAsItIs) {
   EXPECT_EQ(to_wire(sender, fact, sample), WireStatus::not_symmetric);
   AssociationFact association{{author, 1}, std::vector<Pairing>(bounds::pairs + 1)};
   v1::Association wide;
-  EXPECT_EQ(to_wire(sender, association, wide), WireStatus::too_many);
+  EXPECT_EQ(to_wire<SE2>(sender, association, wide), WireStatus::too_many);
+}
+
+// ---- in space --------------------------------------------------------------------------------------------------
+
+SE3 any_pose_in_space() { return {{any(), any(), any(), any()}, {any(), any(), any()}}; }
+
+ChainState<SE3> any_state_in_space() { return {any(), std::abs(any()), any_pose_in_space(), any_covariance<6>()}; }
+
+LandmarkFact<SE3> any_landmark_in_space(std::uint32_t index) {
+  LandmarkFact<SE3> fact{{author, index}, 4, {any(), any(), any()}, any_covariance<3>(), SE3::Loading::Zero(), {}};
+  fact.loading = SE3::Loading::NullaryExpr([] { return any(); });
+  fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
+  for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
+  return fact;
+}
+
+TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
+  for (int round = 0; round < 50; ++round) {
+    AnchorFact<SE3> anchor{{author, 12}, any_state_in_space(), 34, 5};
+    PriorFact<SE3> prior{{author, 0}, true, any_pose_in_space(), any_covariance<6>()};
+    const LivePose<SE3> pose{author, 3, any_state_in_space(), Integrity::suspect, reason_stale_peer};
+    const Hash anchor_hash = hash_of(anchor), prior_hash = hash_of(prior);
+    for (int hop = 0; hop < 3; ++hop) {
+      anchor = std::get<AnchorFact<SE3>>(round_trip<v1::BiasPubSubType, SE3>(anchor).payload);
+      prior = std::get<PriorFact<SE3>>(round_trip<v1::PriorPubSubType, SE3>(prior).payload);
+    }
+    EXPECT_EQ(hash_of(anchor), anchor_hash);
+    EXPECT_EQ(hash_of(prior), prior_hash);
+    const auto got = std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(pose).payload);
+    EXPECT_EQ(hash_of(AnchorFact<SE3>{{author, 3}, got.state}), hash_of(AnchorFact<SE3>{{author, 3}, pose.state}));
+  }
+}
+
+TEST(ConvertInSpace, ABatchIsSplitIntoSamplesThatFitAFrame) {
+  std::vector<LandmarkFact<SE3>> batch;
+  for (std::uint32_t i = 0; i < 20; ++i) batch.push_back(any_landmark_in_space(i));
+  std::vector<Hash> got;
+  for (const auto part : split(std::span<const LandmarkFact<SE3>>(batch))) {
+    v1::Landmark sample;
+    ASSERT_EQ(to_wire(sender, part, sample), WireStatus::ok);
+    GuardedType<v1::LandmarkPubSubType> type;
+    EXPECT_LE(type.getSerializedSizeProvider(&sample)(), max_landmark_sample_bytes);
+    const auto message = round_trip<v1::LandmarkPubSubType, SE3>(part);
+    for (const auto& l : std::get<LandmarkBatch<SE3>>(message.payload).landmarks) got.push_back(hash_of(l));
+  }
+  ASSERT_EQ(got.size(), batch.size());
+  for (std::size_t i = 0; i < batch.size(); ++i) EXPECT_EQ(got[i], hash_of(batch[i]));
+}
+
+TEST(ConvertInSpace, RefusesWhatIsOfThePlaneOrNoRotation) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  v1::Bias good;
+  ASSERT_EQ(to_wire(sender, AnchorFact<SE3>{{author, 12}, any_state_in_space()}, good), WireStatus::ok);
+  const auto spoilt = [&](auto spoil) {
+    v1::Bias sample = good;
+    spoil(sample);
+    Message<SE3> message;
+    return from_wire(sample, message);
+  };
+  EXPECT_EQ(spoilt([](v1::Bias&) {}), WireStatus::ok);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.dimension(2); }), WireStatus::wrong_dimension);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.state().pose().resize(3); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.state().pose().resize(6); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::Bias& s) { s.state().drift().resize(6); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([nan](v1::Bias& s) { s.state().pose()[4] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](v1::Bias& s) {
+              for (std::size_t i = 3; i < 7; ++i) s.state().pose()[i] *= 1.0 + 1e-9;
+            }),
+            WireStatus::out_of_range) << "too long";
+  EXPECT_EQ(spoilt([](v1::Bias& s) {
+              for (std::size_t i = 3; i < 7; ++i) s.state().pose()[i] *= -1.0;
+            }),
+            WireStatus::out_of_range) << "-q is q, and q has one form";
+  EXPECT_EQ(spoilt([](v1::Bias& s) {
+              for (std::size_t i = 3; i < 7; ++i) s.state().pose()[i] = 0.0;
+            }),
+            WireStatus::out_of_range);
+
+  const std::vector<LandmarkFact<SE3>> facts{any_landmark_in_space(0)};
+  v1::Landmark landmark;
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE3>>(facts), landmark), WireStatus::ok);
+  landmark.landmarks()[0].loading().resize(8);  // that of the plane
+  Message<SE3> message;
+  EXPECT_EQ(from_wire(landmark, message), WireStatus::wrong_size);
 }
 
 // ---- the scan before decoding -----------------------------------------------------------------------------------
 
 TEST(WireScan, ReadsBothByteOrders) {
-  // Verdict, big endian: sender (epoch 8, vehicle 4), vehicle 4, epoch 8, index 4, pad 4, hypothesis 8, veto 1.
+  // Verdict, big endian: sender (epoch 8, vehicle 4), vehicle 4, epoch 8, index 4, dimension 1, pad 3, hypothesis 8,
+  // veto 1.
   std::vector<std::uint8_t> bytes(4 + 41, 0);
   EXPECT_EQ(scan_payload<v1::Verdict>(bytes.data(), bytes.size()), Decoding::ok);
   // Association with 2 groups in big endian, of which the second is cut.
-  std::vector<std::uint8_t> cut(4 + 32, 0);
-  cut[4 + 31] = 2;
+  std::vector<std::uint8_t> cut(4 + 36, 0);
+  cut[4 + 35] = 2;
   EXPECT_EQ(scan_payload<v1::Association>(cut.data(), cut.size()), Decoding::undecodable);
-  cut[4 + 31] = 65;
+  cut[4 + 35] = 65;
   EXPECT_EQ(scan_payload<v1::Association>(cut.data(), cut.size()), Decoding::hostile);
 }
 

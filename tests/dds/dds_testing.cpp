@@ -44,12 +44,6 @@ bool eventually(const std::function<bool()>& done, double timeout_s) {
   return true;
 }
 
-bool all_connected(const std::vector<DdsExchange<SE2>*>& exchanges) {
-  for (const auto* exchange : exchanges)
-    if (!exchange->wait_for_peers(exchanges.size() - 1, deadline_s)) return false;
-  return true;
-}
-
 std::vector<Message<SE2>> collect(DdsExchange<SE2>& exchange, std::size_t count, double timeout_s) {
   std::vector<Message<SE2>> all;
   const auto start = std::chrono::steady_clock::now();

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <convoy/dds/dds_exchange.hpp>
-#include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/groups.hpp>
 
 #include <gtest/gtest.h>
 
@@ -28,7 +28,13 @@ DdsConfig config_of_this_test();
 bool eventually(const std::function<bool()>& done, double timeout_s = deadline_s);
 
 /// Waits until each of `exchanges` has all others as peers.
-bool all_connected(const std::vector<DdsExchange<SE2>*>& exchanges);
+template <class G>
+bool all_connected(const std::vector<DdsExchange<G>*>& exchanges) {
+  for (const auto* exchange : exchanges)
+    if (!exchange->wait_for_peers(exchanges.size() - 1, deadline_s)) return false;
+  return true;
+}
+inline bool all_connected(const std::vector<DdsExchange<SE2>*>& exchanges) { return all_connected<SE2>(exchanges); }
 
 /// Takes until `count` messages are there or the deadline has passed.
 std::vector<Message<SE2>> collect(DdsExchange<SE2>& exchange, std::size_t count, double timeout_s = deadline_s);

@@ -106,7 +106,7 @@ v1::Landmark good_landmark() {
 
 v1::Request good_request() {
   v1::Request sample;
-  EXPECT_EQ(to_wire({9, 1}, Request{{3, 1}, FactKind::anchor, {{1, 2}}}, sample), WireStatus::ok);
+  EXPECT_EQ(to_wire<SE2>({9, 1}, Request{{3, 1}, FactKind::anchor, {{1, 2}}}, sample), WireStatus::ok);
   return sample;
 }
 

@@ -5,6 +5,7 @@
 #include <convoy/submap/fact_store.hpp>
 #include <convoy/submap/facts.hpp>
 
+#include <type_traits>
 #include <variant>
 #include <vector>
 
@@ -14,7 +15,9 @@ using Anchor = AnchorFact<SE2>;
 using Landmark = LandmarkFact<SE2>;
 using Prior = PriorFact<SE2>;
 using Store = FactStore<SE2>;
-using Fact = std::variant<Anchor, Landmark, Prior, AssociationFact, VerdictFact>;
+template <class G>
+using FactOf = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact>;
+using Fact = FactOf<SE2>;
 
 inline constexpr Epoch epoch = 1700000000;
 
@@ -79,11 +82,13 @@ inline std::vector<Fact> chain_facts(VehicleId vehicle, std::uint32_t anchors) {
   return facts;
 }
 
-inline Insertion insert(Store& store, const Fact& fact) {
+template <class G>
+Insertion insert(FactStore<G>& store, const std::type_identity_t<FactOf<G>>& fact) {
   return std::visit([&](const auto& f) { return store.insert(f); }, fact);
 }
 
-inline std::uint64_t counted(const Store& store, Insertion result) {
+template <class G>
+std::uint64_t counted(const FactStore<G>& store, Insertion result) {
   return store.insertions()[static_cast<std::size_t>(result)];
 }
 

@@ -12,40 +12,66 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <memory>
 #include <optional>
 #include <vector>
 
 namespace convoy::test {
 
-using Exchange = std::unique_ptr<SubmapExchange<SE2>>;
+template <class G>
+using ExchangeOf = std::unique_ptr<SubmapExchange<G>>;
+using Exchange = ExchangeOf<SE2>;
 
-struct ScriptedStep {
-  SE2 truth;  ///< T_world_body
-  FrontEndState<SE2> state;
-  std::optional<std::vector<FrozenLandmark<SE2>>> landmarks;  ///< a segment closes here
+template <class G>
+struct ScriptedStepOf {
+  G truth;  ///< T_world_body
+  FrontEndState<G> state;
+  std::optional<std::vector<FrozenLandmark<G>>> landmarks;  ///< a segment closes here
 };
+using ScriptedStep = ScriptedStepOf<SE2>;
 
+template <class G>
+typename G::Tangent drift_per_m_of() {
+  typename G::Tangent rate;
+  rate.template head<G::Dim>().setConstant(4e-4);
+  rate.template tail<G::Dof - G::Dim>().setConstant(4e-6);
+  return rate;
+}
 inline const SE2::Tangent drift_per_m(4e-4, 4e-4, 4e-6);
 
+inline SE2 scripted_start(SE2, VehicleId v) { return {-50.0 - 8.0 * v, 3.0 * v, 0.0}; }
+inline SE2 scripted_motion(SE2, VehicleId v, int k) { return SE2::Exp({1.0, 0.0, 0.02 * std::sin(0.1 * k + v)}); }
+/// In space the course also climbs, pitches and rolls.
+inline SE3 scripted_start(SE3, VehicleId v) {
+  return {{1.0, 0.05 * v, -0.02 * v, 0.0}, {-50.0 - 8.0 * v, 3.0 * v, 0.5 * v}};
+}
+inline SE3 scripted_motion(SE3, VehicleId v, int k) {
+  SE3::Tangent d;
+  d << 1.0, 0.0, 0.05 * std::cos(0.2 * k), 0.01 * std::cos(0.15 * k + v), 0.01 * std::sin(0.2 * k),
+      0.02 * std::sin(0.1 * k + v);
+  return SE3::Exp(d);
+}
+
 /// 100 m along the street at 2 m/s, a segment every 20 m with what lies within 18 m. One world for all vehicles.
-inline std::vector<ScriptedStep> script_of(VehicleId vehicle, std::uint64_t world = 1) {
+template <class G = SE2>
+std::vector<ScriptedStepOf<G>> script_of(VehicleId vehicle, std::uint64_t world = 1) {
   Random world_random(world), random(1000 * world + vehicle);
-  const Points points = scattered(world_random, 500, 110.0, 2.0);
-  std::vector<ScriptedStep> script;
-  ScriptedStep step;
-  step.truth = SE2(-50.0 - 8.0 * vehicle, 3.0 * vehicle, 0.0);
+  const PointsOf<G> points = scattered<G>(world_random, 500, 110.0, 2.0);
+  std::vector<ScriptedStepOf<G>> script;
+  ScriptedStepOf<G> step;
+  step.truth = scripted_start(G(), vehicle);
   script.push_back(step);
-  const Eigen::Vector3d sigma = drift_per_m.cwiseSqrt();
+  const typename G::Tangent sigma = drift_per_m_of<G>().cwiseSqrt();
   for (int k = 1; k <= 100; ++k) {
-    const SE2 U = SE2::Exp({1.0, 0.0, 0.02 * std::sin(0.1 * k + vehicle)});
-    step.truth = step.truth * U * SE2::Exp(sigma.cwiseProduct(random.unit_normal<3>()));
+    const G U = scripted_motion(G(), vehicle, k);
+    step.truth = step.truth * U * G::Exp(sigma.cwiseProduct(random.unit_normal<G::Dof>()));
     step.state.stamp_s = 0.5 * k;
     step.state.abscissa_m = k;
     step.state.pose = step.state.pose * U;
     step.landmarks.reset();
     if (k % 20 == 0) {
-      Points seen;
+      PointsOf<G> seen;
       for (const auto& p : points)
         if ((p - step.truth.translation()).norm() < 18.0) seen.push_back(p);
       step.landmarks.emplace();
@@ -57,17 +83,21 @@ inline std::vector<ScriptedStep> script_of(VehicleId vehicle, std::uint64_t worl
   return script;
 }
 
-struct MemberOptions {
-  std::optional<Estimate<SE2>> static_bias;
+template <class G>
+struct MemberOptionsOf {
+  std::optional<Estimate<G>> static_bias;
   SubmapManagerParams submaps;
   Epoch epoch = 1;
 };
 
+using MemberOptions = MemberOptionsOf<SE2>;
+
 /// One vehicle without a thread.
-class Member {
+template <class G>
+class MemberOf {
  public:
-  Member(VehicleId vehicle, Exchange exchange, const MemberOptions& options = {})
-      : script(script_of(vehicle)),
+  MemberOf(VehicleId vehicle, ExchangeOf<G> exchange, const MemberOptionsOf<G>& options = {})
+      : script(script_of<G>(vehicle)),
         exchange_(std::move(exchange)),
         manager({vehicle, options.epoch}, *exchange_, options.submaps),
         front_end_component(front_end_, manager, drift()),
@@ -78,7 +108,7 @@ class Member {
   /// The next step of the script; false at its end.
   bool drive() {
     if (next_ == script.size()) return false;
-    const ScriptedStep& step = script[next_++];
+    const ScriptedStepOf<G>& step = script[next_++];
     EXPECT_TRUE(front_end_.advance(step.state));
     if (step.landmarks) front_end_.close(*step.landmarks);
     front_end_component.poll();
@@ -89,45 +119,48 @@ class Member {
     association.step();
     manager.rebuild(now_s);
   }
-  SE2 truth() const { return script[next_ - 1].truth; }
+  G truth() const { return script[next_ - 1].truth; }
   ChainId chain() const { return manager.self(); }
   Hash facts() const { return manager.store().digest(); }
   Hash map_digest() const { return manager.map().map->digest(); }
-  VehicleState<SE2> view_of(const ChainId& other, double now_s) {
+  VehicleState<G> view_of(const ChainId& other, double now_s) {
     for (auto& state : manager.vehicles(now_s))
       if (state.chain == other) return state;
     return {};
   }
 
-  const std::vector<ScriptedStep> script;
+  const std::vector<ScriptedStepOf<G>> script;
 
  private:
-  static DriftParams<SE2> drift() {
-    DriftParams<SE2> params;
-    params.rate = drift_per_m;
+  static DriftParams<G> drift() {
+    DriftParams<G> params;
+    params.rate = drift_per_m_of<G>();
     return params;
   }
-  Exchange exchange_;
-  FrozenLandmarks<SE2> front_end_;
+  ExchangeOf<G> exchange_;
+  FrozenLandmarks<G> front_end_;
   std::size_t next_ = 0;
 
  public:
-  SubmapManager<SE2> manager;
-  FrontEndComponent<SE2> front_end_component;
-  AssociationComponent<SE2> association;
+  SubmapManager<G> manager;
+  FrontEndComponent<G> front_end_component;
+  AssociationComponent<G> association;
 };
 
-/// Members on one clock. A member that was reset has vanished.
-class ScriptedFleet {
- public:
-  explicit ScriptedFleet(const Impairment& impairment = {}) : impairment_(impairment) {}
+using Member = MemberOf<SE2>;
 
-  InProcessNetwork<SE2>& network() { return network_; }
-  Member& add(VehicleId vehicle, const MemberOptions& options = {}) {
+/// Members on one clock. A member that was reset has vanished.
+template <class G>
+class ScriptedFleetOf {
+ public:
+  explicit ScriptedFleetOf(const Impairment& impairment = {}) : impairment_(impairment) {}
+
+  InProcessNetwork<G>& network() { return network_; }
+  MemberOf<G>& add(VehicleId vehicle, const MemberOptionsOf<G>& options = {}) {
     return add(vehicle, network_.join(impairment_), options);
   }
-  Member& add(VehicleId vehicle, Exchange exchange, const MemberOptions& options = {}) {
-    members.push_back(std::make_unique<Member>(vehicle, std::move(exchange), options));
+  MemberOf<G>& add(VehicleId vehicle, ExchangeOf<G> exchange, const MemberOptionsOf<G>& options = {}) {
+    members.push_back(std::make_unique<MemberOf<G>>(vehicle, std::move(exchange), options));
     return *members.back();
   }
 
@@ -152,7 +185,7 @@ class ScriptedFleet {
   }
 
   bool settled() const {
-    const Member* first = nullptr;
+    const MemberOf<G>* first = nullptr;
     for (const auto& member : members) {
       if (!member) continue;
       if (first == nullptr) first = member.get();
@@ -163,12 +196,13 @@ class ScriptedFleet {
     return first != nullptr;
   }
 
-  std::vector<std::unique_ptr<Member>> members;
+  std::vector<std::unique_ptr<MemberOf<G>>> members;
   double now_s = 0.0;
 
  private:
-  InProcessNetwork<SE2> network_;
+  InProcessNetwork<G> network_;
   Impairment impairment_;
 };
+using ScriptedFleet = ScriptedFleetOf<SE2>;
 
 }  // namespace convoy::test

@@ -16,48 +16,77 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
+/// One number for every translation, another for every rotation.
+template <class G>
+typename G::Tangent each(double translation, double rotation) {
+  typename G::Tangent d;
+  d.template head<G::Dim>().setConstant(translation);
+  d.template tail<G::Dof - G::Dim>().setConstant(rotation);
+  return d;
+}
+
+/// A step forward with a turn; in space, a turn about every axis.
+template <class G>
+G step_of(double length_m, double turn_rad) {
+  typename G::Tangent d = each<G>(0.0, turn_rad);
+  d[0] = length_m;
+  return G::Exp(d);
+}
+
+template <class G>
+const typename G::Covariance floor_of = each<G>(1e-10, 1e-12).asDiagonal();
 const SE2::Covariance floor_of_increment = Eigen::Vector3d(1e-10, 1e-10, 1e-12).asDiagonal();
 
-DriftParams<SE2> params_of(DriftModel model) {
-  DriftParams<SE2> params;
+template <class G>
+class IncrementOf : public testing::Test {};
+using Groups = testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(IncrementOf, Groups);
+
+template <class G = SE2>
+DriftParams<G> params_of(DriftModel model) {
+  DriftParams<G> params;
   params.model = model;
-  params.rate = {2e-4, 2e-4, 4e-6};
+  params.rate = each<G>(2e-4, 4e-6);
   return params;
 }
 
 /// A winding path of steps of 0.5 m, with a SLAM that states a covariance of its own.
-std::vector<ChainState<SE2>> winding_chain(const DriftParams<SE2>& params, int steps, std::uint64_t seed = 1) {
+template <class G>
+std::vector<ChainState<G>> winding_chain(const DriftParams<G>& params, int steps, std::uint64_t seed = 1) {
   test::Random random(seed);
-  DriftAccumulator<SE2> accumulator(params);
-  std::vector<ChainState<SE2>> states{{}};
-  SE2 pose;
-  SE2::Covariance slam_drift = SE2::Covariance::Zero();
+  DriftAccumulator<G> accumulator(params);
+  std::vector<ChainState<G>> states{{}};
+  G pose;
+  typename G::Covariance slam_drift = G::Covariance::Zero();
   for (int k = 1; k <= steps; ++k) {
-    pose = pose * SE2::Exp({0.5, 0.0, random.normal(0.05)});
-    const SE2::Tangent variance(random.uniform(1e-5, 1e-3), random.uniform(1e-5, 1e-3), random.uniform(1e-7, 1e-5));
+    pose = pose * step_of<G>(0.5, random.normal(0.05));
+    typename G::Tangent variance;
+    for (int i = 0; i < G::Dof; ++i) variance[i] = random.uniform(1e-5, 1e-3) * (i < G::Dim ? 1.0 : 1e-2);
     slam_drift += pose.adjoint() * variance.asDiagonal() * pose.adjoint().transpose();
     states.push_back(accumulator.advance(0.25 * k, 0.5 * k, pose, slam_drift));
   }
   return states;
 }
 
-double relative_difference(const SE2::Covariance& A, const SE2::Covariance& B) {
+double relative_difference(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
   return (A - B).norm() / std::max(A.norm(), B.norm());
 }
 
 // T_c = T_a U_ab Exp(eta_ab) U_bc Exp(eta_bc): the covariances compose with the adjoint.
-Increment<SE2> chained(const Increment<SE2>& ab, const Increment<SE2>& bc) {
-  const SE2::Adjoint Ad = bc.motion.inverse().adjoint();
-  return {ab.motion * bc.motion, Ad * (ab.covariance - floor_of_increment) * Ad.transpose() + bc.covariance};
+template <class G>
+Increment<G> chained(const Increment<G>& ab, const Increment<G>& bc) {
+  const typename G::Adjoint Ad = bc.motion.inverse().adjoint();
+  return {ab.motion * bc.motion, Ad * (ab.covariance - floor_of<G>) * Ad.transpose() + bc.covariance};
 }
 
-TEST(Increment, OfAnyTwoAnchorsIsTheChainOfThoseBetween) {
+TYPED_TEST(IncrementOf, AnyTwoAnchorsIsTheChainOfThoseBetween) {
+  using G = TypeParam;
   for (const DriftModel model : {DriftModel::local, DriftModel::literal}) {
-    const auto states = winding_chain(params_of(model), 400);
+    const auto states = winding_chain(params_of<G>(model), 400);
     test::Random random(7);
     for (int round = 0; round < 200; ++round) {
       const int a = random.integer(0, 380), b = random.integer(a + 2, 400);
-      Increment<SE2> sum = increment(states[static_cast<std::size_t>(a)], states[static_cast<std::size_t>(a) + 1]);
+      Increment<G> sum = increment(states[static_cast<std::size_t>(a)], states[static_cast<std::size_t>(a) + 1]);
       for (int k = a + 1; k < b;) {  // anchors between, an arbitrary half of them lost
         const int next = std::min(b, k + random.integer(1, 3));
         sum = chained(sum, increment(states[static_cast<std::size_t>(k)], states[static_cast<std::size_t>(next)]));
@@ -70,41 +99,78 @@ TEST(Increment, OfAnyTwoAnchorsIsTheChainOfThoseBetween) {
   }
 }
 
-TEST(Increment, OfTheLocalModelIsTheDriftInTheBodyFrame) {
+TYPED_TEST(IncrementOf, TheLocalModelIsTheDriftInTheBodyFrame) {
+  using G = TypeParam;
   // One step: Q is what was stated for it, seen from where the step ends.
-  auto params = params_of(DriftModel::local);
-  DriftAccumulator<SE2> accumulator(params);
-  const SE2 far(1000.0, -500.0, 2.0), next = far * SE2::Exp({0.5, 0.0, 0.1});
-  const auto a = accumulator.advance(0.0, 0.0, far, SE2::Covariance::Zero());
-  const auto b = accumulator.advance(1.0, 0.5, next, SE2::Covariance::Zero());
-  const SE2::Covariance expected = (0.5 * params.rate).asDiagonal();
-  EXPECT_LT(relative_difference(increment(a, b).covariance - floor_of_increment, expected), 1e-6);
+  auto params = params_of<G>(DriftModel::local);
+  DriftAccumulator<G> accumulator(params);
+  const G far = step_of<G>(1100.0, 1.2), next = far * step_of<G>(0.5, 0.1);
+  const auto a = accumulator.advance(0.0, 0.0, far, G::Covariance::Zero());
+  const auto b = accumulator.advance(1.0, 0.5, next, G::Covariance::Zero());
+  const typename G::Covariance expected = (0.5 * params.rate).asDiagonal();
+  EXPECT_LT(relative_difference(increment(a, b).covariance - floor_of<G>, expected), 1e-6);
 }
 
-TEST(Increment, DoesNotDependOnWhereTheChainBegan) {
-  const auto params = params_of(DriftModel::local);
-  const auto run = [&](const SE2& origin) {
-    DriftAccumulator<SE2> accumulator(params);
-    std::vector<ChainState<SE2>> states;
+TYPED_TEST(IncrementOf, DoesNotDependOnWhereTheChainBegan) {
+  using G = TypeParam;
+  const auto params = params_of<G>(DriftModel::local);
+  const auto run = [&](const G& origin) {
+    DriftAccumulator<G> accumulator(params);
+    std::vector<ChainState<G>> states;
     for (int k = 0; k < 100; ++k)
-      states.push_back(accumulator.advance(k, k, origin * SE2::Exp({1.0 * k, 0.0, 0.02 * k}), SE2::Covariance::Zero()));
+      states.push_back(accumulator.advance(k, k, origin * step_of<G>(1.0 * k, 0.02 * k), G::Covariance::Zero()));
     return increment(states[20], states[90]);
   };
-  EXPECT_LT(relative_difference(run({}).covariance, run({1000.0, 300.0, 1.0}).covariance), 1e-8);
+  EXPECT_LT(relative_difference(run({}).covariance, run(step_of<G>(1000.0, 1.0)).covariance), 1e-8);
 }
 
-TEST(Increment, IsNeverLessThanTheFloor) {
-  ChainState<SE2> a, b;
-  b.pose = SE2(5.0, 0.0, 0.0);
-  EXPECT_TRUE(increment(a, b).covariance.isApprox(floor_of_increment, 1e-12));
+TYPED_TEST(IncrementOf, IsNeverLessThanTheFloor) {
+  using G = TypeParam;
+  ChainState<G> a, b;
+  b.pose = step_of<G>(5.0, 0.0);
+  EXPECT_TRUE(increment(a, b).covariance.isApprox(floor_of<G>, 1e-12));
   // A SLAM may regain information between anchors: C_b - C_a is indefinite then.
-  a.drift = Eigen::Vector3d(1.0, 0.1, 1e-4).asDiagonal();
-  b.drift = Eigen::Vector3d(0.5, 0.2, 1e-4).asDiagonal();
+  a.drift = each<G>(0.1, 1e-4).asDiagonal();
+  a.drift(0, 0) = 1.0;
+  b.drift = each<G>(0.2, 1e-4).asDiagonal();
+  b.drift(0, 0) = 0.5;
   const auto Q = increment(a, b).covariance;
   EXPECT_TRUE(is_covariance(Q));
-  const Eigen::SelfAdjointEigenSolver<SE2::Covariance> eigen(Q);
+  const Eigen::SelfAdjointEigenSolver<typename G::Covariance> eigen(Q);
   EXPECT_GE(eigen.eigenvalues().minCoeff(), 0.99e-12);
   EXPECT_NEAR(eigen.eigenvalues().maxCoeff(), 0.1, 1e-3);
+}
+
+// DESIGN eq. 2 to rounding: C accumulated step by step gives back the sum of the steps' own covariances, each carried to
+// the end by the adjoint. Neither the path nor what was lost on the way leaves a trace.
+TYPED_TEST(IncrementOf, IsExactToRounding) {
+  using G = TypeParam;
+  test::Random random(11);
+  for (int round = 0; round < 100; ++round) {
+    ChainState<G> a, b;
+    a.pose = b.pose = random.template pose_of<G>(100.0);
+    const auto accumulate = [&](ChainState<G>& state) {
+      const typename G::Adjoint Ad = state.pose.adjoint();
+      typename G::Tangent q = random.unit_normal<G::Dof>().cwiseAbs2();
+      state.drift += Ad * q.asDiagonal() * Ad.transpose();
+      return q;
+    };
+    for (int k = 0; k < 5; ++k) accumulate(a);
+    b.drift = a.drift;
+    std::vector<std::pair<G, typename G::Tangent>> steps;
+    for (int k = 0; k < 30; ++k) {
+      b.pose = b.pose * step_of<G>(0.5, random.normal(0.1));
+      steps.emplace_back(b.pose, accumulate(b));
+    }
+    typename G::Covariance expected = floor_of<G>;
+    for (const auto& [pose, q] : steps) {
+      const typename G::Adjoint Ad = (b.pose.inverse() * pose).adjoint();
+      expected += Ad * q.asDiagonal() * Ad.transpose();
+    }
+    const Increment<G> increment_ab = increment(a, b);
+    EXPECT_LT(relative_difference(increment_ab.covariance, expected), 1e-12) << round;
+    EXPECT_LT(((a.pose * increment_ab.motion).inverse() * b.pose).Log().norm(), 1e-12) << round;
+  }
 }
 
 // Eq. 1 linearised at no bias: how an error of the bias moves the pose (x, y, theta).
@@ -175,6 +241,52 @@ TEST(DriftModel, LiteralIsOverconfidentWhereALoopClosesAndLocalIsNot) {
     squared += (T.translation() - local.pose.translation()).squaredNorm() / runs;
   }
   EXPECT_NEAR(std::sqrt(squared), sigma_m(local), 0.12 * sigma_m(local));
+}
+
+/// The same path with the plane z = 0 for its world.
+SE3 raised(const SE2& T) {
+  const double half = 0.5 * T.theta();
+  return {{std::cos(half), 0.0, 0.0, std::sin(half)}, {T.translation().x(), T.translation().y(), 0.0}};
+}
+
+// Rates in the plane and none out of it: the three rows and columns that the plane knows are those of SE(2).
+TEST(DriftModel, OfAPathInThePlaneIsThatOfThePlane) {
+  for (const DriftModel model : {DriftModel::local, DriftModel::literal}) {
+    DriftParams<SE3> in_space;
+    in_space.model = model;
+    in_space.rate << 2e-4, 2e-4, 2e-4, 0.0, 0.0, 4e-6;
+    DriftAccumulator<SE2> flat(params_of(model));
+    DriftAccumulator<SE3> spatial(in_space);
+    SE2 pose;
+    for (int k = 1; k <= 200; ++k) {
+      pose = pose * SE2::Exp({1.0, 0.0, 0.03 * std::sin(0.1 * k)});
+      const auto a = flat.advance(k, k, pose, SE2::Covariance::Zero());
+      const auto b = spatial.advance(k, k, raised(pose), SE3::Covariance::Zero());
+      const Eigen::Array3i plane(0, 1, 5);
+      ASSERT_LT(relative_difference(a.drift, b.drift(plane, plane)), 1e-12) << k;
+      ASSERT_LT(relative_difference(increment({}, a).covariance, increment({}, b).covariance(plane, plane)), 1e-9) << k;
+    }
+  }
+}
+
+TEST(DriftParams, OfTheLiteralModelInSpaceHaveNoDirectionOrTurnAboutZAlone) {
+  const auto accepted = [](const SE3::Tangent& rate) {
+    DriftParams<SE3> params;
+    params.model = DriftModel::literal;
+    params.rate = rate;
+    try {
+      validate(params);
+    } catch (const ConfigError&) {
+      return false;
+    }
+    return true;
+  };
+  SE3::Tangent rate;
+  EXPECT_TRUE(accepted((rate << 1e-4, 1e-4, 1e-4, 1e-6, 1e-6, 1e-6).finished()));
+  EXPECT_TRUE(accepted((rate << 1e-4, 1e-4, 1e-4, 0.0, 0.0, 1e-6).finished()));
+  EXPECT_FALSE(accepted((rate << 1e-4, 1e-4, 2e-4, 0.0, 0.0, 1e-6).finished()));
+  EXPECT_FALSE(accepted((rate << 1e-4, 1e-4, 1e-4, 1e-6, 0.0, 1e-6).finished()));
+  EXPECT_FALSE(accepted((rate << 1e-4, 1e-4, 1e-4, 2e-6, 2e-6, 1e-6).finished()));
 }
 
 TEST(DriftModel, AddsGammaTimesWhatTheSlamStates) {

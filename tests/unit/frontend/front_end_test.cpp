@@ -30,22 +30,26 @@ struct RangeBearingDrive {
   test::RangeBearingWorld world{params(), 11};
 };
 
+template <class G>
 struct FrozenDrive {
-  using Group = SE2;
-  FrontEnd<SE2>& front_end() { return landmarks; }
+  using Group = G;
+  FrontEnd<G>& front_end() { return landmarks; }
   void run(const std::function<void()>& after_input) {
     test::Random random(5);
-    FrontEndState<SE2> state;
+    FrontEndState<G> state;
     for (int k = 1; k <= 200; ++k) {
       state.stamp_s = 0.5 * k;
       state.abscissa_m = k;
-      state.pose = state.pose * SE2::Exp({1.0, 0.0, 0.02});
-      const SE2::Covariance step = Eigen::Vector3d(1e-4, 1e-4, 1e-6).asDiagonal();
+      typename G::Tangent motion = G::Tangent::Constant(0.02), variance = G::Tangent::Constant(1e-4);
+      motion[0] = 1.0;
+      variance.template tail<G::Dof - G::Dim>() *= 0.01;
+      state.pose = state.pose * G::Exp(motion);
+      const typename G::Covariance step = variance.asDiagonal();
       state.slam_drift += state.pose.adjoint() * step * state.pose.adjoint().transpose();
       ASSERT_TRUE(landmarks.advance(state));
       if (k % 25 == 0) {
-        std::vector<FrozenLandmark<SE2>> frozen;
-        const auto batch = test::frozen_batch(random, {{1, 1}, 0}, SE2(), test::scattered(random, 8, 20.0), {});
+        std::vector<FrozenLandmark<G>> frozen;
+        const auto batch = test::frozen_batch(random, {{1, 1}, 0}, G(), test::scattered<G>(random, 8, 20.0), {});
         for (const auto& l : batch.landmarks)
           frozen.push_back({l.position, l.covariance, l.loading, {}, std::uint64_t(8 * k + frozen.size())});
         landmarks.close(frozen);
@@ -53,7 +57,7 @@ struct FrozenDrive {
       after_input();
     }
   }
-  FrozenLandmarks<SE2> landmarks;
+  FrozenLandmarks<G> landmarks;
 };
 
 }  // namespace
@@ -61,7 +65,8 @@ struct FrozenDrive {
 
 namespace convoy::testing {
 INSTANTIATE_TYPED_TEST_SUITE_P(RangeBearingEkf, FrontEndContract, RangeBearingDrive);
-INSTANTIATE_TYPED_TEST_SUITE_P(FrozenLandmarks, FrontEndContract, FrozenDrive);
+using FrozenDrives = ::testing::Types<FrozenDrive<SE2>, FrozenDrive<SE3>>;
+INSTANTIATE_TYPED_TEST_SUITE_P(FrozenLandmarks, FrontEndContract, FrozenDrives);
 }  // namespace convoy::testing
 
 namespace convoy {
@@ -94,44 +99,53 @@ TEST(FrozenLandmarks, RefusesWhatBreaksTheContractAndKeepsItsState) {
   EXPECT_TRUE(refused([](S& s) { s.slam_drift(1, 1) = nan; }));
 }
 
-TEST(SharedLoadings, RecoverAJointCovarianceOfTheirRank) {
+template <class G>
+class SharedLoadings : public ::testing::Test {};
+using Groups = ::testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(SharedLoadings, Groups);
+
+TYPED_TEST(SharedLoadings, RecoverAJointCovarianceOfTheirRank) {
+  using G = TypeParam;
   test::Random random(2);
-  Eigen::MatrixXd L(12, SE2::Shared);
+  Eigen::MatrixXd L(6 * G::Dim, G::Shared);
   for (Eigen::Index i = 0; i < L.size(); ++i) L.data()[i] = random.normal();
   const Eigen::MatrixXd joint = L * L.transpose();
-  const auto loadings = shared_loadings<SE2>(joint);
+  const auto loadings = shared_loadings<G>(joint);
   ASSERT_EQ(loadings.size(), 6U);
   for (Eigen::Index i = 0; i < 6; ++i)
     for (Eigen::Index j = 0; j < 6; ++j) {
-      const Eigen::Matrix2d block =
+      const typename G::PointCovariance block =
           loadings[static_cast<std::size_t>(i)] * loadings[static_cast<std::size_t>(j)].transpose();
-      EXPECT_LT((block - joint.block<2, 2>(2 * i, 2 * j)).norm(), 1e-5 * joint.norm()) << i << ", " << j;
+      const typename G::PointCovariance expected = joint.block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j);
+      EXPECT_LT((block - expected).norm(), 1e-5 * joint.norm()) << i << ", " << j;
     }
 }
 
-TEST(SharedLoadings, LeaveEveryLandmarkAnOwnPartAndTheRestOfTheJointCovariancePositive) {
+TYPED_TEST(SharedLoadings, LeaveEveryLandmarkAnOwnPartAndTheRestOfTheJointCovariancePositive) {
+  using G = TypeParam;
   test::Random random(3);
   for (int round = 0; round < 50; ++round) {
     const int n = random.integer(2, 12);
-    Eigen::MatrixXd A(2 * n, 2 * n);
+    Eigen::MatrixXd A(G::Dim * n, G::Dim * n);
     for (Eigen::Index i = 0; i < A.size(); ++i) A.data()[i] = random.normal();
     const Eigen::MatrixXd joint = A * A.transpose();
-    const auto loadings = shared_loadings<SE2>(joint);
-    Eigen::MatrixXd L(2 * n, SE2::Shared);
-    for (int i = 0; i < n; ++i) L.middleRows<2>(2 * i) = loadings[static_cast<std::size_t>(i)];
+    const auto loadings = shared_loadings<G>(joint);
+    Eigen::MatrixXd L(G::Dim * n, G::Shared);
+    for (int i = 0; i < n; ++i) L.middleRows<G::Dim>(G::Dim * i) = loadings[static_cast<std::size_t>(i)];
     EXPECT_TRUE(is_covariance(Eigen::MatrixXd(joint - L * L.transpose()), joint.cwiseAbs().maxCoeff()));
-    // The strongest components: what is left is no more than the fifth eigenvalue.
+    // The strongest components: what is left is no more than the next eigenvalue.
     const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> all(joint), rest(joint - L * L.transpose());
-    const double fifth = 2 * n > SE2::Shared ? all.eigenvalues()[2 * n - 1 - SE2::Shared] : 0.0;
-    EXPECT_LT(rest.eigenvalues().maxCoeff(), fifth + 1e-4 * joint.norm());
+    const double next = G::Dim * n > G::Shared ? all.eigenvalues()[G::Dim * n - 1 - G::Shared] : 0.0;
+    EXPECT_LT(rest.eigenvalues().maxCoeff(), next + 1e-4 * joint.norm());
   }
 }
 
-TEST(SharedLoadings, OfOneLandmarkAreNothing) {
-  const auto loadings = shared_loadings<SE2>(Eigen::MatrixXd::Identity(2, 2));
+TYPED_TEST(SharedLoadings, OfOneLandmarkAreNothing) {
+  using G = TypeParam;
+  const auto loadings = shared_loadings<G>(Eigen::MatrixXd::Identity(G::Dim, G::Dim));
   ASSERT_EQ(loadings.size(), 1U);
   EXPECT_TRUE(loadings[0].isZero(0.0));
-  EXPECT_TRUE(shared_loadings<SE2>(Eigen::MatrixXd(0, 0)).empty());
+  EXPECT_TRUE(shared_loadings<G>(Eigen::MatrixXd(0, 0)).empty());
 }
 
 }  // namespace

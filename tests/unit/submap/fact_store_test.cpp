@@ -371,5 +371,29 @@ TEST(FactStore, MarksTellHeldFromKnown) {
   EXPECT_EQ(marks[2], (ChainMark{chain_of(2), FactKind::landmark, 2, 1, hash_of(landmark(2, 1))}));
 }
 
+TEST(FactStoreInSpace, RefusesWhatIsNotFiniteInAnyCoordinate) {
+  FactStore<SE3> store;
+  AnchorFact<SE3> good{test::key_of(1, 1), {}};
+  good.state.pose = SE3({1.0, 0.2, -0.1, 0.3}, {1.0, 2.0, 3.0});
+  good.state.drift.setIdentity();
+  for (int k = 0; k < 7; ++k) {
+    SE3::Point t = good.state.pose.translation();
+    SE3::Quaternion q = good.state.pose.quaternion();
+    (k < 3 ? t[k] : q[k - 3]) = nan;
+    AnchorFact<SE3> bad = good;
+    bad.state.pose = SE3(q, t);
+    EXPECT_EQ(store.insert(bad), Insertion::not_finite) << k;
+  }
+  AnchorFact<SE3> start{test::key_of(1, 0), {}};
+  start.state.pose = SE3({1.0, 0.0, 0.0, 1e-3}, SE3::Point::Zero());
+  EXPECT_EQ(store.insert(start), Insertion::malformed) << "a chain begins at the identity";
+  start.state.pose = {};
+  EXPECT_EQ(store.insert(start), Insertion::inserted);
+  EXPECT_EQ(store.insert(good), Insertion::inserted);
+  EXPECT_EQ(store.insert(good), Insertion::duplicate);
+  good.state.pose = good.state.pose * SE3({1.0, 1e-9, 0.0, 0.0}, SE3::Point::Zero());
+  EXPECT_EQ(store.insert(good), Insertion::conflict);
+}
+
 }  // namespace
 }  // namespace convoy

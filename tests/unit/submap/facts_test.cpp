@@ -44,6 +44,31 @@ TEST(FactHash, IsTheOneOfTheWireFormat) {
   EXPECT_EQ(hash_of(VerdictFact{{chain, 2}, hypothesis_id(one_pair), true}), 0xc16e2c3a87291bb1U);
 }
 
+TEST(FactHash, IsTheOneOfTheWireFormatInSpace) {
+  AnchorFact<SE3> anchor{{chain, 5}, {}};
+  anchor.state.stamp_s = 12.5;
+  anchor.state.abscissa_m = 40.0;
+  anchor.state.pose = SE3({0.5, 0.5, -0.5, 0.5}, {1.5, -2.25, 0.75});
+  anchor.state.drift.diagonal() << 0.25, 0.5, 0.125, 0.0625, 1.0, 2.0;
+  anchor.first_landmark = 17;
+  anchor.landmark_count = 3;
+  EXPECT_EQ(hash_of(anchor), 0xc27e3827adeb44bU);
+
+  LandmarkFact<SE3> landmark;
+  landmark.key = {chain, 9};
+  landmark.anchor = 5;
+  landmark.position = {3.0, -4.0, 5.0};
+  landmark.covariance << 0.5, 0.125, 0.0, 0.125, 0.5, 0.0625, 0.0, 0.0625, 0.25;
+  for (int k = 0; k < 21; ++k) landmark.loading.data()[k] = 0.125 * (k % 5 - 2);
+  landmark.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
+  for (std::uint8_t i = 0; i < 32; ++i) landmark.descriptor.bytes[i] = i;
+  EXPECT_EQ(hash_of(landmark), 0x7edcb064364a51e4U);
+
+  PriorFact<SE3> prior{{chain, 0}, true, SE3({1.0, 0.0, 0.0, 0.0}, {1.0, 2.0, 3.0})};
+  prior.covariance.diagonal() << 4.0, 4.0, 4.0, 0.25, 0.25, 0.25;
+  EXPECT_EQ(hash_of(prior), 0x3c1e338609fdfa69U);
+}
+
 /// Applies each change to a copy of `original`: every hash must differ from every other.
 template <class Fact, class... Change>
 void expect_each_field_counts(const Fact& original, Change... change) {

@@ -1,0 +1,122 @@
+// Whole vehicles over DDS on loopback, in both groups; and fleets of both in one domain, which leave each other alone.
+#include "../unit/components/scripted_fleet.hpp"
+#include "dds_testing.hpp"
+
+#include <convoy/components/vehicle.hpp>
+#include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
+
+#include <algorithm>
+#include <chrono>
+
+namespace convoy::dds::testing {
+namespace {
+
+double steady_s() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// A vehicle with its thread, that follows the script of the fleets in one thread.
+template <class G>
+class Host {
+ public:
+  Host(VehicleId id, const DdsConfig& network)
+      : script_(test::script_of<G>(id)),
+        vehicle_(params(id, script_[0].truth), slam_,
+                 [this, network] {
+                   auto exchange = std::make_unique<DdsExchange<G>>(network);
+                   exchange_ = exchange.get();
+                   return exchange;
+                 },
+                 steady_s) {
+    vehicle_.configure();
+    vehicle_.activate();
+  }
+  ~Host() { vehicle_.shutdown(); }
+
+  void drive() {
+    for (const auto& step : script_)
+      vehicle_.feed([&] {
+        ASSERT_TRUE(slam_.advance(step.state));
+        if (step.landmarks) slam_.close(*step.landmarks);
+      });
+  }
+  VehicleSnapshot<G> look() { return vehicle_.snapshot(); }
+  const G& truth() const { return script_.back().truth; }
+  const DdsExchange<G>& exchange() const { return *exchange_; }
+
+ private:
+  static VehicleParams<G> params(VehicleId id, const G& start) {
+    VehicleParams<G> p;
+    p.id = id;
+    p.drift.rate = test::drift_per_m_of<G>();
+    p.submaps.map_period_s = 0.1;
+    p.submaps.repair.digest_period_s = 0.2;
+    if (id == 1) p.static_bias = Estimate<G>{start, G::Covariance::Zero()};
+    return p;
+  }
+  std::vector<test::ScriptedStepOf<G>> script_;
+  FrozenLandmarks<G> slam_;
+  DdsExchange<G>* exchange_ = nullptr;
+  Vehicle<G> vehicle_;
+};
+
+template <class G>
+bool one_map(const std::vector<VehicleSnapshot<G>>& looks) {
+  return std::all_of(looks.begin(), looks.end(), [&](const auto& s) {
+    return s.settled && s.vehicles.size() == looks.size() && s.facts_digest == looks[0].facts_digest &&
+           s.map_digest == looks[0].map_digest && s.landmarks_known > 50;
+  });
+}
+
+template <class G>
+class FleetOverDds : public ::testing::Test {};
+using Groups = ::testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(FleetOverDds, Groups);
+
+TYPED_TEST(FleetOverDds, ThreeVehiclesFindEachOtherAndEndWithOneMap) {
+  using G = TypeParam;
+  std::vector<std::unique_ptr<Host<G>>> hosts;
+  for (VehicleId id = 1; id <= 3; ++id) hosts.push_back(std::make_unique<Host<G>>(id, config_of_this_test()));
+  for (const auto& host : hosts) ASSERT_TRUE(host->exchange().wait_for_peers(2, deadline_s));
+  for (const auto& host : hosts) host->drive();
+  std::vector<VehicleSnapshot<G>> looks;
+  ASSERT_TRUE(eventually([&] {
+    looks.clear();
+    for (const auto& host : hosts) looks.push_back(host->look());
+    return one_map(looks);
+  }, 60.0));
+  for (const VehicleSnapshot<G>& look : looks) {
+    EXPECT_EQ(look.exchange.hostile + look.exchange.undecodable + look.exchange.send_rejected, 0U);
+    EXPECT_EQ(look.submaps.dimension_mismatch, 0U);
+    for (std::size_t k = 0; k < hosts.size(); ++k) {
+      const auto& estimate = look.vehicles[k].estimate;
+      ASSERT_TRUE(estimate) << "vehicle " << k + 1 << " was not found";
+      const G error = estimate->mean.inverse() * hosts[k]->truth();
+      EXPECT_LT(squared_mahalanobis(error.Log(), estimate->covariance), chi2_quantile(0.9999, G::Dof));
+    }
+  }
+}
+
+TEST(FleetsOverDds, OfDifferentDimensionsInOneDomainRefuseEachOtherAloud) {
+  Host<SE2> flat(1, config_of_this_test());
+  Host<SE3> spatial(2, config_of_this_test());
+  ASSERT_TRUE(flat.exchange().wait_for_peers(1, deadline_s));
+  flat.drive();
+  spatial.drive();
+  EXPECT_TRUE(eventually([&] {
+    return flat.look().submaps.dimension_mismatch >= 2 && spatial.look().submaps.dimension_mismatch >= 2;
+  }));
+  const auto a = flat.look();
+  const auto b = spatial.look();
+  EXPECT_EQ(a.submaps.facts_received, 0U);
+  EXPECT_EQ(b.submaps.facts_received, 0U);
+  EXPECT_GT(a.exchange.hostile, 0U) << "facts of the other dimension";
+  EXPECT_GT(b.exchange.hostile, 0U);
+  EXPECT_EQ(a.facts_missing + b.facts_missing, 0U);
+  ASSERT_EQ(a.vehicles.size(), 1U);
+  ASSERT_EQ(b.vehicles.size(), 1U);
+}
+
+}  // namespace
+}  // namespace convoy::dds::testing
