@@ -60,6 +60,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("front_end", "min_sightings", f.min_sightings);
   visit("front_end", "min_parallax_rad", f.min_parallax_rad);
   visit("front_end", "max_sigma_m", f.max_sigma_m);
+  visit("front_end", "max_remembered", f.max_remembered);
   visit("front_end", "nis_confidence", f.nis_confidence);
   visit("front_end", "nis_window", f.nis_window);
   visit("front_end", "segment_length_m", f.segment_length_m);

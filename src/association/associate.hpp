@@ -18,7 +18,7 @@ struct AssociationParams {
   std::uint64_t max_nodes = 200'000;   ///< search tree nodes; beyond, the answer is "none"
   int min_pairings = 5;                ///< fewer never decide anything
   double residual = 0.99;              ///< chi-square confidence of the aligned set
-  double pairing = 0.95;               ///< chi-square confidence within which two landmarks agree with an alignment
+  double pairing = 0.9;                ///< chi-square confidence within which two landmarks agree with an alignment
   double separation = 0.999;           ///< a pairing is left out unless exchanging its partner is this much worse
   double max_false_alarms = 1e-5;      ///< expected number of alignments as good by chance, at the local density
   double max_runner_up_share = 0.7;    ///< a second, incompatible alignment with more support than this share: ambiguous

@@ -1,16 +1,15 @@
-// A planar range-bearing EKF-SLAM with odometry: right-invariant error state, landmarks frozen at closing anchors.
+// A planar range-bearing EKF-SLAM with odometry: right-invariant, landmarks frozen at closing anchors (DESIGN B3).
 //
-// The filter lives in the frame of its last anchor, so that its covariances are relative to it and stay small however
-// far the vehicle has come. Error state (DESIGN B3): X = Exp(xi) X^ for the pose, l = R(xi_theta) l^ + xi_l for a
-// landmark, xi = (rho, theta, l_1, l_2, ..., c_1, c_2, ...), with clones c of past poses that are smoothed along. In these coordinates F = I, a sighting sees R^T (xi_l - xi_rho) and no
-// heading, so that the heading, which nothing observes, gains no information from moving linearisation points.
+// Two filters run side by side. What is exported comes from one that forgets a landmark when it freezes, so that no
+// measurement serves two facts (DESIGN R5). Where the vehicle is right now is said by one that remembers them: a live pose
+// is no fact and enters no map, so it may use all that was ever seen.
 #pragma once
 
 #include <convoy/frontend/front_end.hpp>
+#include <convoy/frontend/range_bearing_filter.hpp>
 #include <convoy/geometry/se2.hpp>
 
 #include <cstdint>
-#include <map>
 #include <optional>
 #include <vector>
 
@@ -36,6 +35,7 @@ struct RangeBearingEkfParams {
   int max_rejections = 5;                   ///< in a row, then the track is dropped and starts anew
   double min_range_m = 0.1, max_range_m = 100.0;  ///< sightings beyond are refused
   double max_odometry_gap_s = 2.0;          ///< a longer silence of the odometry counts as this long
+  int max_remembered = 50;                  ///< landmarks that the live pose is held by, the latest seen; 0: only the tracked
   // Freeze rule: a landmark may leave when all hold (DESIGN B3).
   int min_sightings = 6;
   double min_parallax_rad = 0.15;           ///< between the rays it was seen along
@@ -81,58 +81,31 @@ class RangeBearingEkf final : public FrontEnd<SE2> {
   FrontEndState<SE2> state() const override;
   std::vector<Segment<SE2>> take_segments() override;
   const RangeBearingEkfCounters& counters() const { return counters_; }
-  std::size_t tracked() const { return tracks_.size(); }
+  std::size_t tracked() const { return filter_.tracks().size(); }
 
  private:
-  struct Track {
-    std::uint64_t id = 0;
-    Eigen::Vector2d position;              // frame of the last anchor
-    double last_s = 0.0;                   // time of the last sighting that was used
-    int sightings = 0;
-    int rejections = 0;                    // in a row
-    double ray_low = 0.0, ray_high = 0.0;  // directions it was seen along, relative to the first one
-    double first_ray = 0.0;                // frame of the last anchor
-    std::vector<double> nis;               // latest, at most nis_window
-  };
-
-  struct Clone {
-    double stamp_s, abscissa_m;
-    SE2 pose;  // T_anchor_body
-  };
-
   void advance_to(double stamp_s);
   void move(double distance_m, double angle_rad, double dt_s);
-  void add_track(std::uint64_t id, double range_m, double bearing_rad);
-  bool update(std::size_t track, double range_m, double bearing_rad);
-  void correct(const Eigen::MatrixXd& H, const Eigen::Vector2d& innovation, const Eigen::Matrix2d& S);
-  void note_ray(Track& track, double bearing_rad) const;
-  void drop(const std::vector<std::size_t>& tracks);
+  void remember(std::uint64_t id, double range_m, double bearing_rad);
   void clone_if_due();
   FrontEndState<SE2> state_of(double stamp_s, double abscissa_m, const SE2& pose, const SE2::Covariance& P) const;
   Eigen::Matrix2d sighting_noise(double range_m) const;
-  Eigen::MatrixXd relative_covariance(const std::vector<std::size_t>& tracks) const;  // to the current pose
   bool may_freeze(std::size_t track) const;
   std::vector<std::size_t> freezable() const;
   void close_segment_if_due();
   void close_segment(const std::vector<std::size_t>& frozen);
-  void rebase();
-  static Eigen::Index column(std::size_t track) { return 3 + 2 * static_cast<Eigen::Index>(track); }
-  Eigen::Index clone_column(std::size_t clone) const {
-    return column(tracks_.size()) + 3 * static_cast<Eigen::Index>(clone);
-  }
 
   RangeBearingEkfParams params_;
   double gate_chi2_ = 0.0;
   std::optional<double> stamp_s_;
   double v_mps_ = 0.0, omega_radps_ = 0.0;
   SE2 anchor_;                 // T_slam_anchor of the last anchor
-  SE2 pose_;                   // T_anchor_body
   double abscissa_m_ = 0.0;
   double anchor_abscissa_m_ = 0.0;
+  double clone_abscissa_m_ = 0.0;                           // of the last clone or anchor
   SE2::Covariance anchor_drift_ = SE2::Covariance::Zero();  // cumulative up to the last anchor, slam frame
-  std::vector<Track> tracks_;
-  std::vector<Clone> clones_;  // of this segment
-  Eigen::MatrixXd P_;          // (3 + 2 tracks + 3 clones)^2, error state in the order above, frame of the last anchor
+  RangeBearingFilter filter_;  // what is exported comes from here
+  RangeBearingFilter memory_;  // the live pose comes from here
   std::vector<Segment<SE2>> segments_;
   RangeBearingEkfCounters counters_;
 };

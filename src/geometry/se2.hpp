@@ -25,7 +25,7 @@ class SE2 {
   using Covariance = Eigen::Matrix3d;       ///< of a right perturbation, order (rho, theta)
   using PointCovariance = Eigen::Matrix2d;  ///< of a point [m^2]
   using PointJacobian = Eigen::Matrix<double, 2, 3>;
-  static constexpr int Shared = 4;  ///< number of error components that the landmarks of a batch share
+  static constexpr int Shared = 12;  ///< number of error components that the landmarks of a batch share (DESIGN B3)
   using Loading = Eigen::Matrix<double, 2, Shared>;  ///< how a landmark moves with them [m]
   using SharedVector = Eigen::Matrix<double, Shared, 1>;
 

@@ -16,8 +16,8 @@ struct GlobalMap {
 };
 
 /// Never null: an empty store gives an empty map. The most contradicting hypothesis (r^T Z^-1 r of its own alignment
-/// against the map, beyond `map_residual`) is dropped, one at a time, until none is left. Then landmarks that fit another
-/// class better than their own leave their class: a map of many batches tells neighbours apart that two batches cannot.
+/// against the map, beyond `map_residual`) is dropped, one at a time, until none is left. Then landmarks that could as well be
+/// of another class leave theirs: a map of many batches tells neighbours apart that two batches cannot.
 template <class G>
 GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
 

@@ -169,7 +169,8 @@ class ProblemBuilder {
         const int node = node_of_.at(landmark.anchor_key());
         mean += problem_.nodes[static_cast<std::size_t>(node)].initial * landmark.position;
         const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
-        problem_.landmarks.push_back({node, point, key, landmark.position, landmark.covariance + floor});
+        problem_.landmarks.push_back(
+            {node, point, key, landmark.position, landmark.covariance + floor, landmark.loading});
       }
       problem_.points.push_back(mean / static_cast<double>(members.size()));
     }

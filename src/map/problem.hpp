@@ -32,13 +32,14 @@ struct DriftFactor {
   typename G::Covariance covariance;
 };
 
-/// F2: T_node^-1 m = l + N(0, S).
+/// F2: T_node^-1 m = l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
 template <class G>
 struct LandmarkFactor {
   int node, point;
   Key landmark;
   typename G::Point position;
   typename G::PointCovariance covariance;
+  typename G::Loading loading = G::Loading::Zero();
 };
 
 struct ChainSpan {

@@ -14,6 +14,7 @@ struct SelectionParams {
   int min_pairings = 5;
   double residual = 0.99;     ///< chi-square confidence of a hypothesis' own alignment
   double map_residual = 0.9999;  ///< confidence beyond which a hypothesis contradicts the solved map and is dropped
+  double separation = 0.9;       ///< a landmark leaves its class unless every other way fits this much worse, chi-square
   VehicleId reference = 0;       ///< whose start is the common frame if no static bias is known; 0: see build_problem()
 };
 

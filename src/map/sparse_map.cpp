@@ -53,7 +53,7 @@ class NormalEquations {
         size_(G::Dof * nodes_ + G::Dim * static_cast<Eigen::Index>(problem.points.size())) {
     for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
     for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
-    for (const auto& f : problem.landmarks) landmark_information_.push_back(f.covariance.inverse());
+    batches_ = batch_factors(problem);
   }
 
   Eigen::Index size() const { return size_; }
@@ -67,7 +67,7 @@ class NormalEquations {
     double chi2 = 0.0;
     for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses, assemble);
     for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses, assemble);
-    for (std::size_t k = 0; k < problem_.landmarks.size(); ++k) chi2 += landmark(k, poses, points, assemble);
+    for (const BatchFactor<G>& batch : batches_) chi2 += landmarks(batch, poses, points, assemble);
     return chi2;
   }
 
@@ -122,27 +122,43 @@ class NormalEquations {
     return r.dot(W * r);
   }
 
-  double landmark(std::size_t k, const std::vector<G>& poses, const std::vector<typename G::Point>& points,
-                  bool assemble) {  // F2
-    const LandmarkFactor<G>& f = problem_.landmarks[k];
-    const typename G::PointCovariance& W = landmark_information_[k];
-    const auto [r, J_T, J_m] = LandmarkResidual<G>(f, poses[static_cast<std::size_t>(f.node)],
-                                                   points[static_cast<std::size_t>(f.point)]);
-    if (assemble) {
-      add_block(node(f.node), node(f.node), Dof(J_T.transpose() * W * J_T));
-      add_block(point(f.point), node(f.node), typename G::PointJacobian(J_m.transpose() * W * J_T));
-      add_block(point(f.point), point(f.point), typename G::PointCovariance(J_m.transpose() * W * J_m));
-      gradient_.segment<G::Dof>(node(f.node)) -= J_T.transpose() * W * r;
-      gradient_.segment<G::Dim>(point(f.point)) -= J_m.transpose() * W * r;
+  double landmarks(const BatchFactor<G>& f, const std::vector<G>& poses, const std::vector<typename G::Point>& points,
+                   bool assemble) {  // F2
+    const auto n = static_cast<Eigen::Index>(f.landmarks.size());
+    const G& T = poses[static_cast<std::size_t>(f.node)];
+    const typename G::PointCovariance J_m = T.rotation().transpose();
+    Eigen::VectorXd r(G::Dim * n);
+    Eigen::Matrix<double, Eigen::Dynamic, G::Dof> J_T(G::Dim * n, G::Dof);
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const LandmarkFactor<G>& l = *f.landmarks[static_cast<std::size_t>(i)];
+      const LandmarkResidual<G> one(l, T, points[static_cast<std::size_t>(l.point)]);
+      r.template segment<G::Dim>(G::Dim * i) = one.r;
+      J_T.template middleRows<G::Dim>(G::Dim * i) = one.J_T;
     }
-    return r.dot(W * r);
+    const Eigen::VectorXd Wr = f.information * r;
+    if (!assemble) return r.dot(Wr);
+    const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = f.information * J_T;
+    add_block(node(f.node), node(f.node), Dof(J_T.transpose() * WJ));
+    gradient_.segment<G::Dof>(node(f.node)) -= J_T.transpose() * Wr;
+    const auto point_of = [&](Eigen::Index i) { return point(f.landmarks[static_cast<std::size_t>(i)]->point); };
+    for (Eigen::Index i = 0; i < n; ++i) {
+      add_block(point_of(i), node(f.node), typename G::PointJacobian(J_m.transpose() * WJ.template middleRows<G::Dim>(G::Dim * i)));
+      gradient_.segment<G::Dim>(point_of(i)) -= J_m.transpose() * Wr.template segment<G::Dim>(G::Dim * i);
+      for (Eigen::Index j = 0; j < n; ++j) {
+        if (point_of(j) > point_of(i)) continue;  // upper triangle
+        const typename G::PointCovariance W = f.information.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j);
+        if (i != j && W.isZero(0.0)) continue;  // nothing shared
+        add_block(point_of(i), point_of(j), typename G::PointCovariance(J_m.transpose() * W * J_m));
+      }
+    }
+    return r.dot(Wr);
   }
 
   const Problem<G>& problem_;
   int nodes_;
   Eigen::Index size_;
   std::vector<Dof> prior_information_, drift_information_;
-  std::vector<typename G::PointCovariance> landmark_information_;
+  std::vector<BatchFactor<G>> batches_;
   std::vector<Eigen::Triplet<double>> triplets_;
   Eigen::VectorXd gradient_;
 };

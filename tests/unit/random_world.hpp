@@ -79,7 +79,7 @@ struct BatchNoise {
 /// A shift, a turn and a scale of the whole batch.
 template <class G>
 typename G::Loading shared_error(const typename G::Point& p, double shared_m) {
-  typename G::Loading L;
+  typename G::Loading L = G::Loading::Zero();
   const typename G::PointJacobian motion = G().act_jacobian(p);  // [I, how p turns]
   L.template leftCols<G::Dim>() = shared_m * motion.template leftCols<G::Dim>();
   L.template middleCols<G::Dof - G::Dim>(G::Dim) = 0.05 * shared_m * motion.template rightCols<G::Dof - G::Dim>();

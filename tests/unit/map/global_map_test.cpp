@@ -184,7 +184,8 @@ TEST(BuildGlobalMap, OfNothingIsEmpty) {
   EXPECT_EQ(global.facts, Store().digest());
 }
 
-// With starts known well enough to linearise at; the filter is no match for a static bias of 15 m and 0.2 rad.
+// With starts known well enough to linearise at; the filter is no match for a static bias of 15 m and 0.2 rad. It takes
+// landmarks for independent, so the two differ by more than rounding.
 TEST(BuildGlobalMap, WorksWithTheFilterOfThePaperToo) {
   const auto fleet = test::street_fleet(3, {.bias = test::fair_start});
   const auto sparse = built(fleet.store());
@@ -194,7 +195,7 @@ TEST(BuildGlobalMap, WorksWithTheFilterOfThePaperToo) {
     const Key key = test::key_of(v, 5);
     const auto e = ekf.map->pose(key.chain, fleet.anchor(key).state),
                s = sparse.map->pose(key.chain, fleet.anchor(key).state);
-    EXPECT_LT((e->mean.translation() - s->mean.translation()).norm(), 0.3) << v;
+    EXPECT_LT((e->mean.translation() - s->mean.translation()).norm(), 0.5) << v;
   }
 }
 
