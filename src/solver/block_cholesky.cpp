@@ -1,6 +1,7 @@
 #include <convoy/solver/block_cholesky.hpp>
 #include <convoy/solver/block_ordering.hpp>
 #include <convoy/solver/dense_kernels.hpp>
+#include <convoy/solver/front_cost.hpp>
 
 #include <algorithm>
 #include <cstring>
@@ -17,14 +18,6 @@ struct Lists {
   const int* first(int i) const { return values.data() + begin[at(i)]; }
   const int* last(int i) const { return values.data() + begin[at(i) + 1]; }
 };
-
-// What one front costs, in nanoseconds on a machine of 2020: constants from a fit to street grids and M3500, good to a
-// factor of two, and the choice of supernodes does not need more.
-double front_cost(double columns, double rows) {
-  const double below = rows - columns;
-  const double flops = columns * (columns * columns / 3.0 + columns * below + below * below);
-  return 150.0 + 0.5 * columns * rows + 0.5 * below * below + 0.1 * flops;
-}
 
 // A set of blocks that are eliminated together, while supernodes are still being merged.
 struct Draft {
