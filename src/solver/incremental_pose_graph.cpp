@@ -70,7 +70,7 @@ bool IncrementalPoseGraph<G>::add_factors(std::span<const PoseFactor<G>> factors
   std::vector<int> added;
   for (const PoseFactor<G>& f : factors) added.push_back(append(f));
   last_ = {};
-  if (!added.empty()) update(std::move(added));
+  if (!added.empty() || !far_.empty() || broken_) update(std::move(added));
   return true;
 }
 

@@ -38,7 +38,8 @@ class IncrementalPoseGraph {
   /// Adds pose size() with its factors to poses before it. The factor to the latest of them gives the starting point. False,
   /// and nothing changed, if there is none or if a factor names any other pose.
   [[nodiscard]] bool add(std::span<const PoseFactor<G>> factors);
-  /// Adds factors between poses that are there. False, and nothing changed, if one names any other pose, or a pose twice.
+  /// Adds factors between poses that are there; none at all: one more iteration, if poses are far from where they are
+  /// linearised. False, and nothing changed, if one names any other pose, or a pose twice.
   [[nodiscard]] bool add_factors(std::span<const PoseFactor<G>> factors);
 
   int size() const { return static_cast<int>(linearised_.size()); }
