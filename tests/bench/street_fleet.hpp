@@ -14,7 +14,7 @@ namespace convoy::bench {
 
 struct StreetFleet {
   /// Nodes of vehicle v: v * nodes .. (v + 1) * nodes - 1, 10 m apart; a city block is 100 m; `intersections` along each side.
-  StreetFleet(int vehicles, int nodes, int links, int intersections = 32, std::uint64_t seed = 1) {
+  StreetFleet(int vehicles, int nodes, int link_count, int intersections = 32, std::uint64_t seed = 1) {
     std::mt19937_64 random(seed);
     const auto below = [&](int n) { return static_cast<int>(random() % static_cast<std::uint64_t>(n)); };
     constexpr int kPerBlock = 10;
@@ -45,10 +45,10 @@ struct StreetFleet {
         y += (heading == 1) - (heading == 3);
       }
     }
-    // `links` of the meetings, each with the same chance.
-    for (std::size_t k = 0; k < static_cast<std::size_t>(links) && k < meetings.size(); ++k) {
+    // `link_count` of the meetings, each with the same chance.
+    for (std::size_t k = 0; k < static_cast<std::size_t>(link_count) && k < meetings.size(); ++k) {
       std::swap(meetings[k], meetings[k + random() % (meetings.size() - k)]);
-      this->links.push_back(meetings[k]);
+      links.push_back(meetings[k]);
     }
   }
 
