@@ -24,20 +24,30 @@ CONVOY_INLINE void store(double* to, const Vector& v) { __builtin_memcpy(to, &v,
 constexpr int kTile = 4;       // columns of C computed at once
 constexpr int kPanel = 64;     // columns factored before what is right of them is updated
 
-// V vectors of rows by N columns of C, held in registers over the whole sum.
+// V vectors of rows by N columns of C, held in registers over the whole sum: hence every loop but that one is unrolled.
 template <int V, int N, bool Add>
 CONVOY_INLINE void tile(double* C, std::ptrdiff_t ldc, const double* A, std::ptrdiff_t lda, const Strided& B, int k) {
-  Vector sum[V][N] = {};
+  Vector sum[V][N];
+#pragma GCC unroll 4
+  for (int v = 0; v < V; ++v)
+#pragma GCC unroll 4
+    for (int j = 0; j < N; ++j) sum[v][j] = Vector{};
   const double* b = B.data;
-  for (int p = 0; p < k; ++p, A += lda, b += B.column_stride) {
+  const std::ptrdiff_t row = B.row_stride, column = B.column_stride;
+  for (int p = 0; p < k; ++p, A += lda, b += column) {
     Vector a[V];
+#pragma GCC unroll 4
     for (int v = 0; v < V; ++v) a[v] = load(A + 4 * v);
+#pragma GCC unroll 4
     for (int j = 0; j < N; ++j) {
-      const double bj = b[j * B.row_stride];
+      const double bj = b[j * row];
+#pragma GCC unroll 4
       for (int v = 0; v < V; ++v) sum[v][j] += a[v] * bj;
     }
   }
+#pragma GCC unroll 4
   for (int j = 0; j < N; ++j)
+#pragma GCC unroll 4
     for (int v = 0; v < V; ++v) {
       double* c = C + j * ldc + 4 * v;
       if constexpr (Add) store(c, load(c) + sum[v][j]);
@@ -110,8 +120,10 @@ CONVOY_INLINE int factor_columns(double* P, std::ptrdiff_t ld, int rows, int j, 
     }
   for (; i < rows; i += kRowPad) {
     Vector x[N];
+#pragma GCC unroll 4
     for (int c = 0; c < N; ++c) {
       x[c] = load(column[c] + i);
+#pragma GCC unroll 4
       for (int p = 0; p < c; ++p) x[c] -= x[p] * l[c][p];
       x[c] *= inverse[c];
       store(column[c] + i, x[c]);
@@ -149,20 +161,36 @@ CONVOY_INLINE int front(double* P, int ld, int rows, int columns, double* U, int
   return -1;
 }
 
+// N columns of X, from the right; x and l: the first of them, `diagonal`: its row of the diagonal block.
+template <int N>
+CONVOY_INLINE void solve_columns(double* x, std::ptrdiff_t ldx, int rows, const double* diagonal, std::ptrdiff_t ld) {
+  double inverse[N];
+  for (int c = 0; c < N; ++c) inverse[c] = 1.0 / diagonal[c * ld + c];
+  for (int i = 0; i < rows; i += kRowPad) {
+    Vector v[N];
+#pragma GCC unroll 4
+    for (int c = N - 1; c >= 0; --c) {
+      v[c] = load(x + c * ldx + i);
+#pragma GCC unroll 4
+      for (int p = N - 1; p > c; --p) v[c] -= v[p] * diagonal[c * ld + p];
+      v[c] *= inverse[c];
+      store(x + c * ldx + i, v[c]);
+    }
+  }
+}
+
 CONVOY_INLINE void right_solve(double* X, int ldx, int rows, int columns, const double* L, int ld) {
   for (int end = columns; end > 0; end -= kTile) {
     const int begin = std::max(0, end - kTile), n = end - begin;
     double* x = X + std::ptrdiff_t(begin) * ldx;
     const double* l = L + std::ptrdiff_t(begin) * ld;
-    if (end < columns) any_column_tile<false>(x, ldx, rows, n, X + std::ptrdiff_t(end) * ldx, ldx, {l + end, ld, 1}, columns - end);
-    for (int c = n - 1; c >= 0; --c) {
-      const double inverse = 1.0 / l[std::ptrdiff_t(c) * ld + begin + c];
-      for (int i = 0; i < rows; i += kRowPad) {
-        Vector v = load(x + std::ptrdiff_t(c) * ldx + i);
-        for (int p = n - 1; p > c; --p)
-          v -= load(x + std::ptrdiff_t(p) * ldx + i) * l[std::ptrdiff_t(c) * ld + begin + p];
-        store(x + std::ptrdiff_t(c) * ldx + i, v * inverse);
-      }
+    if (end < columns)
+      any_column_tile<false>(x, ldx, rows, n, X + std::ptrdiff_t(end) * ldx, ldx, {l + end, ld, 1}, columns - end);
+    switch (n) {
+      case 1: solve_columns<1>(x, ldx, rows, l + begin, ld); break;
+      case 2: solve_columns<2>(x, ldx, rows, l + begin, ld); break;
+      case 3: solve_columns<3>(x, ldx, rows, l + begin, ld); break;
+      default: solve_columns<4>(x, ldx, rows, l + begin, ld); break;
     }
   }
 }
