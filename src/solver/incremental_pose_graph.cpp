@@ -4,6 +4,7 @@
 #include <convoy/solver/front_cost.hpp>
 #include <convoy/solver/incremental_pose_graph.hpp>
 
+#include <Eigen/LU>
 #include <algorithm>
 
 namespace convoy {
@@ -93,19 +94,24 @@ bool IncrementalPoseGraph<G>::is_far(int k, double factor) const {
          d.template tail<D - G::Dim>().cwiseAbs().maxCoeff() > factor * params_.relinearise_rad;
 }
 
+// The factor of a pose to the latest of those before it.
+template <class G>
+const PoseFactor<G>& IncrementalPoseGraph<G>::latest_factor(int k) const {
+  int latest = -1, previous = -1;
+  for (const int f : factors_of_[at(k)]) {
+    const int other = factors_[at(f)].from == k ? factors_[at(f)].to : factors_[at(f)].from;
+    if (other >= k || other <= previous) continue;
+    previous = other;
+    latest = f;
+  }
+  return factors_[at(latest)];
+}
+
 // Where a pose outside the tree is: behind the one before it.
 template <class G>
 void IncrementalPoseGraph<G>::place(int k) {
-  const PoseFactor<G>* latest = nullptr;
-  int previous = -1;
-  for (const int f : factors_of_[at(k)]) {
-    const PoseFactor<G>& factor = factors_[at(f)];
-    const int other = factor.from == k ? factor.to : factor.from;
-    if (other >= k || other <= previous) continue;
-    previous = other;
-    latest = &factor;
-  }
-  linearised_[at(k)] = latest->to == k ? pose(previous) * latest->measured : pose(previous) * latest->measured.inverse();
+  const PoseFactor<G>& f = latest_factor(k);
+  linearised_[at(k)] = f.to == k ? pose(f.from) * f.measured : pose(f.to) * f.measured.inverse();
 }
 
 // Marks are closed upwards: what is above a marked front is marked at least as strongly.
@@ -507,6 +513,80 @@ void IncrementalPoseGraph<G>::rebuild_all() {
   broken_ = !rebuild_top();
   last_.failed = broken_;
   if (!broken_) back_substitute();
+}
+
+template <class G>
+typename G::Adjoint IncrementalPoseGraph<G>::covariance(int i, int j) {
+  if (i == 0 || j == 0) return G::Adjoint::Zero();
+  if (front_of_[at(i)] >= 0 && front_of_[at(j)] >= 0) return tree_covariance(i, j);
+  if (front_of_[at(i)] >= 0 || (front_of_[at(j)] < 0 && j > i)) return covariance(j, i).transpose();
+  // A pose outside the tree follows from the one before it, T_i = T_p U Exp(noise): d_i = Ad(U^-1) d_p + noise.
+  const PoseFactor<G>& f = latest_factor(i);
+  const int p = f.from == i ? f.to : f.from;
+  const G U = f.to == i ? f.measured : f.measured.inverse();
+  const typename G::Adjoint A = U.inverse().adjoint();
+  if (i != j) return A * covariance(p, j);
+  typename G::Adjoint noise = f.information.inverse();
+  if (f.from == i) noise = f.measured.adjoint() * noise * f.measured.adjoint().transpose();  // the other way round
+  return A * covariance(p, p) * A.transpose() + noise;
+}
+
+// The block column, at the poses of a front.
+template <class G>
+void IncrementalPoseGraph<G>::gather(const Front& front) {
+  const Eigen::Index rows = D * static_cast<Eigen::Index>(front.poses.size());
+  front_column_.resize(static_cast<std::size_t>(rows * D));
+  Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, D>> x(front_column_.data(), rows, D);
+  for (std::size_t k = 0; k < front.poses.size(); ++k)
+    x.template middleRows<D>(D * static_cast<Eigen::Index>(k)) = column_[at(front.poses[k])];
+}
+
+// Column j of H^-1: forward from j to the root, back down to i.
+template <class G>
+typename G::Adjoint IncrementalPoseGraph<G>::tree_covariance(int i, int j) {
+  column_.resize(linearised_.size());
+  std::vector<int> down;
+  for (const int from : {j, i}) {
+    down.clear();
+    for (int f = front_of_[at(from)]; f >= 0; f = fronts_[at(f)].parent) {
+      down.push_back(f);
+      for (const int pose : fronts_[at(f)].poses) column_[at(pose)].setZero();
+    }
+  }
+  column_[at(j)].setIdentity();
+  const auto scatter = [&](const Front& front, int begin, int end) {
+    const int rows = D * static_cast<int>(front.poses.size());
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, D>> x(front_column_.data(), rows, D);
+    for (int k = begin; k < end; ++k) column_[at(front.poses[at(k)])] = x.template middleRows<D>(D * k);
+  };
+  for (int f = front_of_[at(j)]; f >= 0; f = fronts_[at(f)].parent) {
+    const Front& front = fronts_[at(f)];
+    const int columns = D * front.own, rows = D * static_cast<int>(front.poses.size());
+    gather(front);
+    for (int d = 0; d < D; ++d) {
+      double* x = front_column_.data() + d * rows;
+      for (int c = 0; c < columns; ++c) {
+        const double* L = front.panel.data() + std::ptrdiff_t(c) * front.ld;
+        x[c] /= L[c];
+        dense::add_scaled(x + c + 1, -x[c], L + c + 1, rows - c - 1);
+      }
+    }
+    scatter(front, 0, static_cast<int>(front.poses.size()));
+  }
+  for (auto f = down.rbegin(); f != down.rend(); ++f) {
+    const Front& front = fronts_[at(*f)];
+    const int columns = D * front.own, rows = D * static_cast<int>(front.poses.size());
+    gather(front);
+    for (int d = 0; d < D; ++d) {
+      double* x = front_column_.data() + d * rows;
+      for (int c = columns - 1; c >= 0; --c) {
+        const double* L = front.panel.data() + std::ptrdiff_t(c) * front.ld;
+        x[c] = (x[c] - dense::dot(L + c + 1, x + c + 1, rows - c - 1)) / L[c];
+      }
+    }
+    scatter(front, 0, front.own);
+  }
+  return column_[at(i)];
 }
 
 template <class G>

@@ -48,6 +48,10 @@ class IncrementalPoseGraph {
   const std::vector<PoseFactor<G>>& factors() const { return factors_; }
   const IncrementalUpdate& last_update() const { return last_; }
 
+  /// Block (i, j) of the covariance of right perturbations of the poses, where they are linearised; zero for pose 0. Takes time
+  /// of the paths of i and j to the root. Not while last_update().failed.
+  typename G::Adjoint covariance(int i, int j);
+
   /// The exact solution: batch iterations from the present estimate until nothing moves. The tree is then at that estimate.
   PoseGraphReport finish();
 
@@ -80,6 +84,9 @@ class IncrementalPoseGraph {
   void back_substitute();
   void solve_front(const Front& front);
   int new_front();
+  const PoseFactor<G>& latest_factor(int k) const;
+  typename G::Adjoint tree_covariance(int i, int j);
+  void gather(const Front& front);
   void rebuild_all();
 
   IncrementalParams params_;
@@ -96,7 +103,8 @@ class IncrementalPoseGraph {
   std::vector<int> candidates_;                ///< poses whose step changed and may be far
   std::vector<int> where_, stamp_, changed_;   ///< scratch, by pose
   std::vector<int> marked_;                    ///< fronts with a mark, parents before children once sorted
-  std::vector<double> smallest_pivot_;
+  std::vector<typename G::Adjoint> column_;     ///< scratch: a block column of the covariance, by pose
+  std::vector<double> smallest_pivot_, front_column_;
   int serial_ = 0, update_serial_ = 0;
   bool broken_ = false;                        ///< a factorisation failed: rebuild everything next time
   IncrementalUpdate last_;

@@ -93,6 +93,37 @@ TEST_P(Drives, GoesOnAfterFinish) {
 
 INSTANTIATE_TEST_SUITE_P(Seeds, Drives, testing::Values(1U, 2U, 3U, 4U, 5U));
 
+// Whatever is asked for, at any moment, against the inverse of the whole system: poses in the tree and behind it.
+TEST(IncrementalPoseGraph, CovariancesAreThoseOfTheWholeSystem) {
+  auto drive = random_drive(2, 120);
+  for (std::size_t k = 1; k < drive.graph.factors.size(); k += 3) {  // some the other way round
+    PoseFactor<SE2>& f = drive.graph.factors[k];
+    const SE2::Adjoint A = f.measured.inverse().adjoint();
+    f = {f.to, f.from, f.measured.inverse(), A.transpose() * f.information * A};
+  }
+  const auto factors = by_newest(drive.graph);
+  IncrementalPoseGraph<SE2> incremental(drive.graph.poses[0], exact());
+  int behind = 0;
+  for (std::size_t k = 1; k < factors.size(); ++k) {
+    ASSERT_TRUE(incremental.add(factors[k]));
+    behind += incremental.last_update().fronts == 0;
+    if (k < 100) continue;
+    for (int again = 0; again < 6; ++again) ASSERT_TRUE(incremental.add_factors({}));
+    PoseGraphSolver<SE2> batch({incremental.poses(), incremental.factors()});
+    ASSERT_TRUE(batch.iterate());
+    const auto marginals = batch.marginals();
+    const int n = incremental.size();
+    for (const int i : {0, 1, n / 2, n - 2, n - 1}) {
+      EXPECT_LT((incremental.covariance(i, i) - marginals[static_cast<std::size_t>(i)]).norm(), 1e-5 * (1e-9 + marginals[static_cast<std::size_t>(i)].norm())) << i << " of " << n;
+      for (const int j : {1, n / 3, n - 1}) {
+        const SE2::Adjoint expected = i == 0 ? SE2::Adjoint::Zero() : SE2::Adjoint(batch.cholesky().covariance(i - 1, j - 1));
+        EXPECT_LT((incremental.covariance(i, j) - expected).norm(), 1e-5 * (1e-9 + expected.norm())) << i << ", " << j << " of " << n;
+      }
+    }
+  }
+  EXPECT_GT(behind, 10);
+}
+
 TEST(IncrementalPoseGraph, OdometryAloneFactorsNothing) {
   const auto drive = random_drive(7, 30);
   IncrementalPoseGraph<SE2> incremental(drive.graph.poses[0]);
