@@ -58,9 +58,10 @@ struct Solution {
   std::vector<double> update_ms;  ///< sorted
 };
 
-Solution solve_batch(const PoseGraph<SE2>& graph, const PoseGraphParams& params) {
+Solution solve_batch(PoseGraph<SE2> graph, const PoseGraphParams& params) {
   Progress progress;
-  PoseGraphSolver<SE2> solver(graph, params);
+  graph.poses = relaxed_poses(graph);
+  PoseGraphSolver<SE2> solver(std::move(graph), params);
   Solution solution;
   solution.report = solver.optimise([&](const PoseGraphReport& r) {
     progress.say("iteration %d, cost %.6g", r.iterations, r.final_cost);
@@ -141,7 +142,7 @@ int run_solve(const SolveOptions& options) {
               summary.report.initial_cost, summary.report.final_cost, summary.report.iterations, summary.seconds,
               (options.out / "solve.json").c_str());
   if (summary.report.converged) return 0;
-  std::printf("did not converge: the start composed from the edges is too far from the solution\n");
+  std::printf("did not converge: the start found from the edges is too far from the solution, or the edges contradict each other\n");
   return 1;
 }
 

@@ -1,6 +1,8 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/solver/pose_graph.hpp>
 
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <numeric>
 #include <queue>
 
@@ -10,11 +12,11 @@ namespace {
 std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 template <class G>
-BlockPattern pattern_of(const PoseGraph<G>& graph, std::vector<int>& block_of) {
+BlockPattern pattern_of(const PoseGraph<G>& graph, std::vector<int>& block_of, int block_size = G::Dof) {
   const std::vector<bool> fixed = fixed_poses(graph);
   int blocks = 0;
   for (const bool f : fixed) block_of.push_back(f ? -1 : blocks++);
-  BlockPattern pattern(std::vector<int>(at(blocks), G::Dof));
+  BlockPattern pattern(std::vector<int>(at(blocks), block_size));
   for (const PoseFactor<G>& f : graph.factors)
     if (block_of[at(f.from)] >= 0 && block_of[at(f.to)] >= 0) pattern.add(block_of[at(f.from)], block_of[at(f.to)]);
   return pattern;
@@ -92,6 +94,68 @@ std::vector<G> composed_poses(const PoseGraph<G>& graph) {
     placed[at(k)] = true;
     announce(k);
   }
+  return poses;
+}
+
+template <class G>
+std::vector<G> relaxed_poses(const PoseGraph<G>& graph) {
+  constexpr int N = G::Dim;
+  using Matrix = Eigen::Matrix<double, N, N>;
+  using Vector = Eigen::Matrix<double, N, 1>;
+  std::vector<int> block_of;
+  BlockCholesky solver(pattern_of(graph, block_of, N));
+  const auto block = [&](int pose) { return block_of[at(pose)]; };
+  std::vector<Matrix> R;
+  for (const G& T : graph.poses) R.push_back(T.rotation());
+
+  // Rows of R_to are R_measured^T times rows of R_from: the same matrix for each of the N rows.
+  Eigen::MatrixXd b = Eigen::MatrixXd::Zero(solver.size(), N);
+  const auto known = [&](int pose, const Matrix& toward, Eigen::Index row) {  // rows of R as columns
+    b.template middleRows<N>(row) += toward * R[at(pose)].transpose();
+  };
+  for (const PoseFactor<G>& f : graph.factors) {
+    const double weight = f.information.template bottomRightCorner<G::Dof - N, G::Dof - N>().trace();
+    const Matrix wI = weight * Matrix::Identity(), wR = weight * f.measured.rotation();
+    const int from = block(f.from), to = block(f.to);
+    if (from >= 0) solver.add(solver.slot(from, from), wI);
+    if (to >= 0) solver.add(solver.slot(to, to), wI);
+    if (from >= 0 && to >= 0) solver.add(solver.slot(from, to), Matrix(-wR));
+    else if (from >= 0) known(f.to, wR, N * from);
+    else if (to >= 0) known(f.from, wR.transpose(), N * to);
+  }
+  if (!solver.factor().ok()) return graph.poses;
+  for (int row = 0; row < N; ++row) solver.solve(b.col(row).data());
+  for (std::size_t k = 0; k < R.size(); ++k) {
+    if (block_of[k] < 0) continue;
+    const Matrix M = b.template middleRows<N>(N * block_of[k]).transpose();
+    const Eigen::JacobiSVD<Matrix, Eigen::NoQRPreconditioner> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Vector sign = Vector::Ones();
+    sign[N - 1] = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
+    R[k] = svd.matrixU() * sign.asDiagonal() * svd.matrixV().transpose();
+  }
+
+  // t_to - t_from = R_from t_measured, with the information of the position given the rotation, turned.
+  solver.set_zero();
+  Eigen::VectorXd x = Eigen::VectorXd::Zero(solver.size());
+  for (const PoseFactor<G>& f : graph.factors) {
+    const Matrix W = R[at(f.from)] * f.information.template topLeftCorner<N, N>() * R[at(f.from)].transpose();
+    const Vector d = R[at(f.from)] * f.measured.translation();
+    const int from = block(f.from), to = block(f.to);
+    if (from >= 0) {
+      solver.add(solver.slot(from, from), W);
+      x.template segment<N>(N * from) -= W * (to >= 0 ? d : Vector(d - graph.poses[at(f.to)].translation()));
+    }
+    if (to >= 0) {
+      solver.add(solver.slot(to, to), W);
+      x.template segment<N>(N * to) += W * (from >= 0 ? d : Vector(d + graph.poses[at(f.from)].translation()));
+    }
+    if (from >= 0 && to >= 0) solver.add(solver.slot(from, to), Matrix(-W));
+  }
+  if (!solver.factor().ok()) return graph.poses;
+  solver.solve(x);
+  std::vector<G> poses = graph.poses;
+  for (std::size_t k = 0; k < poses.size(); ++k)
+    if (block_of[k] >= 0) poses[k] = G::from_rotation(R[k], x.template segment<N>(N * block_of[k]));
   return poses;
 }
 
@@ -198,6 +262,7 @@ std::vector<typename G::Covariance> PoseGraphSolver<G>::marginals() {
   template double pose_graph_cost<G>(PoseResidual, const std::vector<PoseFactor<G>>&, const std::vector<G>&);     \
   template std::vector<bool> fixed_poses<G>(const PoseGraph<G>&);                                                 \
   template std::vector<G> composed_poses<G>(const PoseGraph<G>&);                                                 \
+  template std::vector<G> relaxed_poses<G>(const PoseGraph<G>&);                                                  \
   template class PoseGraphSolver<G>;
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -95,6 +95,13 @@ std::vector<bool> fixed_poses(const PoseGraph<G>& graph);
 template <class G>
 std::vector<G> composed_poses(const PoseGraph<G>& graph);
 
+/// A start that does not add up the errors of a chain: rotations by linear least squares on the entries of their matrices,
+/// projected onto rotations (chordal relaxation: Martinec & Pajdla, CVPR 2007), then positions by linear least squares. The first
+/// pose of each component stays. Where a system is singular, the poses as they are. From here Gauss-Newton converges on graphs
+/// (INTEL, for one) where it fails from composed_poses.
+template <class G>
+std::vector<G> relaxed_poses(const PoseGraph<G>& graph);
+
 struct PoseGraphParams {
   PoseResidual residual = PoseResidual::log;
   int max_iterations = 200;
