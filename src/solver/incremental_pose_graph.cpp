@@ -96,7 +96,7 @@ bool IncrementalPoseGraph<G>::is_far(int k, double factor) const {
 
 // The factor of a pose to the latest of those before it.
 template <class G>
-const PoseFactor<G>& IncrementalPoseGraph<G>::latest_factor(int k) const {
+int IncrementalPoseGraph<G>::latest_factor(int k) const {
   int latest = -1, previous = -1;
   for (const int f : factors_of_[at(k)]) {
     const int other = factors_[at(f)].from == k ? factors_[at(f)].to : factors_[at(f)].from;
@@ -104,13 +104,13 @@ const PoseFactor<G>& IncrementalPoseGraph<G>::latest_factor(int k) const {
     previous = other;
     latest = f;
   }
-  return factors_[at(latest)];
+  return latest;
 }
 
 // Where a pose outside the tree is: behind the one before it.
 template <class G>
 void IncrementalPoseGraph<G>::place(int k) {
-  const PoseFactor<G>& f = latest_factor(k);
+  const PoseFactor<G>& f = factors_[at(latest_factor(k))];
   linearised_[at(k)] = f.to == k ? pose(f.from) * f.measured : pose(f.to) * f.measured.inverse();
 }
 
@@ -165,10 +165,7 @@ void IncrementalPoseGraph<G>::update(std::vector<int> new_factors) {
   }
   relinearise();
   if (!new_factors.empty()) {
-    for (const int k : waiting_) {  // the one factor that each came with joins the tree, too
-      for (const int f : factors_of_[at(k)])
-        if (std::find(new_factors.begin(), new_factors.end(), f) == new_factors.end()) new_factors.push_back(f);
-    }
+    join(new_factors);
     for (const int f : new_factors) {
       const PoseFactor<G>& factor = factors_[at(f)];
       linear_[at(f)].linearise(params_.residual, factor, linearised_[at(factor.from)], linearised_[at(factor.to)]);
@@ -181,6 +178,20 @@ void IncrementalPoseGraph<G>::update(std::vector<int> new_factors) {
     return;
   }
   back_substitute();
+}
+
+// What new factors speak of enters the tree, with everything it hangs on and the factors that it hangs by.
+template <class G>
+void IncrementalPoseGraph<G>::join(std::vector<int>& new_factors) {
+  joining_.clear();
+  for (std::size_t n = 0; n < new_factors.size(); ++n)  // grows on the way
+    for (const int k : {factors_[at(new_factors[n])].from, factors_[at(new_factors[n])].to}) {
+      if (k == 0 || front_of_[at(k)] >= 0 || std::find(joining_.begin(), joining_.end(), k) != joining_.end()) continue;
+      joining_.push_back(k);
+      const int f = latest_factor(k);
+      if (std::find(new_factors.begin(), new_factors.end(), f) == new_factors.end()) new_factors.push_back(f);
+    }
+  std::erase_if(waiting_, [&](int k) { return std::find(joining_.begin(), joining_.end(), k) != joining_.end(); });
 }
 
 // Children before parents; what is to be rebuilt keeps its mark.
@@ -228,8 +239,7 @@ template <class G>
 bool IncrementalPoseGraph<G>::rebuild_top() {
   std::vector<int> top, orphans;
   take_apart(top, orphans);
-  top.insert(top.end(), waiting_.begin(), waiting_.end());
-  waiting_.clear();
+  top.insert(top.end(), joining_.begin(), joining_.end());
   std::sort(top.begin(), top.end());
   const std::vector<int> built = build_fronts(order_top(top, orphans), orphans);
   for (const int f : built) {
@@ -499,12 +509,13 @@ void IncrementalPoseGraph<G>::rebuild_all() {
   roots_.clear();
   marked_.clear();
   waiting_.clear();
+  joining_.clear();
   candidates_.clear();
   for (int k = 1; k < size(); ++k) {
     linearised_[at(k)] = pose(k);
     step_[at(k)].setZero();
     front_of_[at(k)] = -1;
-    waiting_.push_back(k);
+    joining_.push_back(k);
   }
   for (std::size_t f = 0; f < factors_.size(); ++f)
     linear_[f].linearise(params_.residual, factors_[f], linearised_[at(factors_[f].from)], linearised_[at(factors_[f].to)]);
@@ -521,7 +532,7 @@ typename G::Adjoint IncrementalPoseGraph<G>::covariance(int i, int j) {
   if (front_of_[at(i)] >= 0 && front_of_[at(j)] >= 0) return tree_covariance(i, j);
   if (front_of_[at(i)] >= 0 || (front_of_[at(j)] < 0 && j > i)) return covariance(j, i).transpose();
   // A pose outside the tree follows from the one before it, T_i = T_p U Exp(noise): d_i = Ad(U^-1) d_p + noise.
-  const PoseFactor<G>& f = latest_factor(i);
+  const PoseFactor<G>& f = factors_[at(latest_factor(i))];
   const int p = f.from == i ? f.to : f.from;
   const G U = f.to == i ? f.measured : f.measured.inverse();
   const typename G::Adjoint A = U.inverse().adjoint();

@@ -73,6 +73,7 @@ class IncrementalPoseGraph {
   bool is_far(int k, double factor) const;
   void place(int k);
   void relinearise();
+  void join(std::vector<int>& new_factors);
   void mark_path(int front, typename Front::Mark mark);
   void mark_involved(int pose);
   bool refactor_marked();
@@ -84,7 +85,7 @@ class IncrementalPoseGraph {
   void back_substitute();
   void solve_front(const Front& front);
   int new_front();
-  const PoseFactor<G>& latest_factor(int k) const;
+  int latest_factor(int k) const;
   typename G::Adjoint tree_covariance(int i, int j);
   void gather(const Front& front);
   void rebuild_all();
@@ -97,6 +98,7 @@ class IncrementalPoseGraph {
   std::vector<typename G::Tangent> step_;      ///< from there to the estimate
   std::vector<int> front_of_;                  ///< -1: not in the tree
   std::vector<int> waiting_;                   ///< poses outside the tree, in order, each with its one factor to one before
+  std::vector<int> joining_;                   ///< poses that enter the tree in this update
   std::vector<Front> fronts_;
   std::vector<int> free_, roots_;
   std::vector<int> far_;                       ///< poses to linearise again, sorted

@@ -315,4 +315,40 @@ void BM_public_incremental(benchmark::State& state) {
 }
 BENCHMARK(BM_public_incremental)->DenseRange(0, 4)->Iterations(1)->Unit(benchmark::kMillisecond);
 
+// A fleet whose poses come in turns, each with its factors. Counters: milliseconds of those updates that factored anything.
+void BM_fleet_incremental(benchmark::State& state) {
+  const int vehicles = static_cast<int>(state.range(0)), nodes = vehicles < 10 ? 100 : 1000;
+  const bench::StreetFleet streets(vehicles, nodes, vehicles * nodes / 5, vehicles < 10 ? 4 : 10);
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> unit;
+  std::vector<std::vector<PoseFactor<SE2>>> factors(streets.poses.size());
+  const auto add = [&](const std::pair<int, int>& edge, const SE2::Tangent& sigma) {
+    const auto turn = [&](int n) { return n % nodes * vehicles + n / nodes; };
+    const SE2::Tangent noise = sigma.cwiseProduct(SE2::Tangent(unit(random), unit(random), unit(random)));
+    const PoseFactor<SE2> f{turn(edge.first), turn(edge.second),
+                            streets.poses[at(edge.first)].inverse() * streets.poses[at(edge.second)] * SE2::Exp(noise),
+                            sigma.cwiseAbs2().cwiseInverse().asDiagonal()};
+    factors[at(std::max(f.from, f.to))].push_back(f);
+  };
+  for (int v = 1; v < vehicles; ++v) add({0, v * nodes}, {5.0, 5.0, 0.1});
+  for (const auto& edge : streets.chain) add(edge, {0.05, 0.05, 0.002});
+  for (const auto& edge : streets.links) add(edge, {0.2, 0.2, 0.01});
+  for (auto _ : state) {
+    IncrementalPoseGraph<SE2> solver(streets.poses[0]);
+    std::vector<double> working_ms;
+    for (std::size_t k = 1; k < factors.size(); ++k) {
+      const double start_s = bench::cpu_s();
+      if (!solver.add(factors[k]) || solver.last_update().failed) state.SkipWithError("an update failed");
+      if (solver.last_update().fronts > 0) working_ms.push_back(1e3 * (bench::cpu_s() - start_s));
+    }
+    std::sort(working_ms.begin(), working_ms.end());
+    state.counters["p50_working_ms"] = working_ms[working_ms.size() / 2];
+    state.counters["p99_working_ms"] = working_ms[working_ms.size() * 99 / 100];
+    state.counters["max_ms"] = working_ms.back();
+    state.counters["cost"] = pose_graph_cost(PoseResidual::log, solver.factors(), solver.poses());
+    state.counters["final_cost"] = solver.finish().final_cost;
+  }
+}
+BENCHMARK(BM_fleet_incremental)->Arg(3)->Arg(10)->Iterations(1)->Unit(benchmark::kMillisecond);
+
 }  // namespace
