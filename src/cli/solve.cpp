@@ -1,9 +1,9 @@
 #include "solve.hpp"
 
+#include <sys/resource.h>
 #include <convoy/config_error.hpp>
 #include <convoy/solver/g2o.hpp>
 #include <convoy/solver/incremental_pose_graph.hpp>
-#include <sys/resource.h>
 
 #include <algorithm>
 #include <chrono>
@@ -63,9 +63,8 @@ Solution solve_batch(PoseGraph<SE2> graph, const PoseGraphParams& params) {
   graph.poses = relaxed_poses(graph);
   PoseGraphSolver<SE2> solver(std::move(graph), params);
   Solution solution;
-  solution.report = solver.optimise([&](const PoseGraphReport& r) {
-    progress.say("iteration %d, cost %.6g", r.iterations, r.final_cost);
-  });
+  solution.report = solver.optimise(
+      [&](const PoseGraphReport& r) { progress.say("iteration %d, cost %.6g", r.iterations, r.final_cost); });
   solution.poses = solver.poses();
   return solution;
 }
@@ -73,7 +72,8 @@ Solution solve_batch(PoseGraph<SE2> graph, const PoseGraphParams& params) {
 Solution solve_incrementally(const PoseGraph<SE2>& graph, const G2oFile& file, const SolveOptions& options,
                              const PoseGraphParams& params) {
   std::vector<std::vector<PoseFactor<SE2>>> factors_of(graph.poses.size());
-  for (const PoseFactor<SE2>& f : graph.factors) factors_of[static_cast<std::size_t>(std::max(f.from, f.to))].push_back(f);
+  for (const PoseFactor<SE2>& f : graph.factors)
+    factors_of[static_cast<std::size_t>(std::max(f.from, f.to))].push_back(f);
   IncrementalParams incremental;
   incremental.residual = params.residual;
   IncrementalPoseGraph<SE2> solver(graph.poses.front(), incremental);
@@ -83,7 +83,8 @@ Solution solve_incrementally(const PoseGraph<SE2>& graph, const G2oFile& file, c
     const Clock::time_point start = Clock::now();
     if (!solver.add(factors_of[k]))
       throw ConfigError(options.graph.string() + ": vertex " + std::to_string(file.vertices[k].id) +
-                        " has no edge to a vertex with a smaller id; number the vertices along the drive, or leave out --incremental");
+                        " has no edge to a vertex with a smaller id; number the vertices along the drive, or leave out "
+                        "--incremental");
     solution.update_ms.push_back(1e3 * seconds_since(start));
     progress.say("vertex %zu of %zu", k + 1, graph.poses.size());
   }
@@ -106,11 +107,13 @@ SolveSummary solve_graph(const SolveOptions& options) {
   params.residual = residual_named(options.residual);
   const G2oFile file = read_g2o(options.graph);
   if (file.dim != 2)
-    throw ConfigError(options.graph.string() + ": a 3-D graph (SE3:QUAT); solving in 3-D is not built yet, give a 2-D graph (SE2)");
+    throw ConfigError(options.graph.string() +
+                      ": a 3-D graph (SE3:QUAT); solving in 3-D is not built yet, give a 2-D graph (SE2)");
   PoseGraph<SE2> graph = pose_graph_se2(file);
   const Clock::time_point start = Clock::now();
   graph.poses = composed_poses(graph);
-  Solution solution = options.incremental ? solve_incrementally(graph, file, options, params) : solve_batch(graph, params);
+  Solution solution =
+      options.incremental ? solve_incrementally(graph, file, options, params) : solve_batch(graph, params);
   SolveSummary summary{graph.poses.size(), graph.factors.size(), solution.report, seconds_since(start)};
   summary.report.initial_cost = pose_graph_cost(params.residual, graph.factors, graph.poses);
 
@@ -138,11 +141,13 @@ SolveSummary solve_graph(const SolveOptions& options) {
 
 int run_solve(const SolveOptions& options) {
   const SolveSummary summary = solve_graph(options);
-  std::printf("%zu nodes, %zu factors: cost %.10g -> %.10g, %d iterations, %.3f s; %s\n", summary.nodes, summary.factors,
-              summary.report.initial_cost, summary.report.final_cost, summary.report.iterations, summary.seconds,
-              (options.out / "solve.json").c_str());
+  std::printf("%zu nodes, %zu factors: cost %.10g -> %.10g, %d iterations, %.3f s; %s\n", summary.nodes,
+              summary.factors, summary.report.initial_cost, summary.report.final_cost, summary.report.iterations,
+              summary.seconds, (options.out / "solve.json").c_str());
   if (summary.report.converged) return 0;
-  std::printf("did not converge: the start found from the edges is too far from the solution, or the edges contradict each other\n");
+  std::printf(
+      "did not converge: the start found from the edges is too far from the solution, or the edges contradict each "
+      "other\n");
   return 1;
 }
 

@@ -21,11 +21,11 @@ struct Lists {
 
 // A set of blocks that are eliminated together, while supernodes are still being merged.
 struct Draft {
-  int columns = 0;           ///< rows of H
-  int below = 0;             ///< rows of the front below them
+  int columns = 0;  ///< rows of H
+  int below = 0;    ///< rows of the front below them
   int parent = -1;
   int first_child = -1, next_sibling = -1;
-  int last_block = -1;       ///< chain of blocks through Analysis::next_block, ending at the last
+  int last_block = -1;  ///< chain of blocks through Analysis::next_block, ending at the last
   int first_block = -1;
   bool merged = false;
 };
@@ -35,7 +35,8 @@ struct Draft {
 // From the pattern to everything that factor() walks through. n blocks; "position" counts blocks in elimination order.
 class BlockCholesky::Analysis {
  public:
-  Analysis(BlockCholesky& solver, const BlockPattern& pattern) : solver_(solver), pattern_(pattern), n_(pattern.blocks()) {}
+  Analysis(BlockCholesky& solver, const BlockPattern& pattern)
+      : solver_(solver), pattern_(pattern), n_(pattern.blocks()) {}
 
   void run() {
     number(minimum_degree_order(pattern_));
@@ -71,7 +72,8 @@ class BlockCholesky::Analysis {
     }
     upper_.values.resize(pattern_.pairs().size());
     lower_.values.resize(pattern_.pairs().size());
-    std::vector<int> up(upper_.begin.begin(), upper_.begin.end() - 1), down(lower_.begin.begin(), lower_.begin.end() - 1);
+    std::vector<int> up(upper_.begin.begin(), upper_.begin.end() - 1),
+        down(lower_.begin.begin(), lower_.begin.end() - 1);
     for (const auto& [i, j] : pattern_.pairs()) {
       const int low = std::min(position[at(i)], position[at(j)]), high = std::max(position[at(i)], position[at(j)]);
       upper_.values[at(up[at(low)]++)] = high;
@@ -288,7 +290,8 @@ class BlockCholesky::Analysis {
         below[at(c)] = {};
       }
       node.row_runs_begin = solver_.row_runs_.size();
-      for (const int p : rows) add_run(solver_.row_runs_, node.row_runs_begin, where[at(p)], global_row(p), block_rows(p));
+      for (const int p : rows)
+        add_run(solver_.row_runs_, node.row_runs_begin, where[at(p)], global_row(p), block_rows(p));
       if (!rows.empty()) {
         node.parent = solver_.supernode_of_[at(order_[at(rows.front())])];
         solver_.previous_sibling_[at(s)] = solver_.last_child_[at(node.parent)];
@@ -414,8 +417,9 @@ class BlockCholesky::Analysis {
     size.supernodes = count;
     size.entries = solver_.supernodes_.back().panel;
     size.bytes = 8 * (values_ + solver_.factor_.size() + solver_.updates_[0].size() + solver_.updates_[1].size()) +
-                 sizeof(Entry) * solver_.entries_.size() + sizeof(Run) * (solver_.runs_.size() + solver_.row_runs_.size()) +
-                 sizeof(Supernode) * count + (sizeof(Slot) + 4) * solver_.row_slots_.size();
+                 sizeof(Entry) * solver_.entries_.size() +
+                 sizeof(Run) * (solver_.runs_.size() + solver_.row_runs_.size()) + sizeof(Supernode) * count +
+                 (sizeof(Slot) + 4) * solver_.row_slots_.size();
   }
 
   static std::size_t update_size(const Supernode& node) { return at(node.ld_update) * at(node.rows - node.columns); }
@@ -423,8 +427,8 @@ class BlockCholesky::Analysis {
   BlockCholesky& solver_;
   const BlockPattern& pattern_;
   int n_;
-  std::vector<int> order_;     ///< block at each position
-  Lists upper_, lower_;        ///< neighbours at later and at earlier positions
+  std::vector<int> order_;  ///< block at each position
+  Lists upper_, lower_;     ///< neighbours at later and at earlier positions
   std::vector<int> parent_;
   std::vector<Draft> drafts_;
   std::vector<int> draft_of_, next_block_, blocks_end_, scratch_;
@@ -450,7 +454,8 @@ BlockCholesky::BlockCholesky(const BlockPattern& pattern) : sizes_(pattern.sizes
 
 BlockCholesky::Slot BlockCholesky::slot(int i, int j) const {
   const int row = std::max(i, j), column = std::min(i, j);
-  const auto begin = row_blocks_.begin() + row_starts_[index(row)], end = row_blocks_.begin() + row_starts_[index(row) + 1];
+  const auto begin = row_blocks_.begin() + row_starts_[index(row)],
+             end = row_blocks_.begin() + row_starts_[index(row) + 1];
   const auto found = std::lower_bound(begin, end, column);
   Slot slot = row_slots_[static_cast<std::size_t>(found - row_blocks_.begin())];
   // row_slots_ is for (larger, smaller): asked the other way round, the block is the other way round, too.
@@ -552,13 +557,11 @@ void BlockCholesky::backward(const Supernode& node, const Supernode& next, doubl
 }
 
 void BlockCholesky::solve(double* x) const {
-  for (std::size_t b = 0; b < sizes_.size(); ++b)
-    std::copy_n(x + offsets_[b], sizes_[b], work_.data() + position_[b]);
+  for (std::size_t b = 0; b < sizes_.size(); ++b) std::copy_n(x + offsets_[b], sizes_[b], work_.data() + position_[b]);
   const std::size_t count = supernodes_.size() - 1;
   for (std::size_t s = 0; s < count; ++s) forward(supernodes_[s], supernodes_[s + 1], work_.data(), scratch_.data());
   for (std::size_t s = count; s-- > 0;) backward(supernodes_[s], supernodes_[s + 1], work_.data(), scratch_.data());
-  for (std::size_t b = 0; b < sizes_.size(); ++b)
-    std::copy_n(work_.data() + position_[b], sizes_[b], x + offsets_[b]);
+  for (std::size_t b = 0; b < sizes_.size(); ++b) std::copy_n(work_.data() + position_[b], sizes_[b], x + offsets_[b]);
 }
 
 Eigen::MatrixXd BlockCholesky::covariance(int i, int j) const {
@@ -632,13 +635,14 @@ void BlockCholesky::inverse_front(std::size_t s, const double* parent_front, dou
   const int ld_minus = node.ld_update;
   std::fill_n(minus, std::ptrdiff_t(ld_minus) * columns, 0.0);
   if (below > 0)
-    dense::add_product(minus, ld_minus, below, columns, front + columns * ld + columns, node.ld, {X + columns, ld, 1}, below);
+    dense::add_product(minus, ld_minus, below, columns, front + columns * ld + columns, node.ld, {X + columns, ld, 1},
+                       below);
   double* Z11 = front;
   for (int c = 0; c < columns; ++c) std::fill_n(Z11 + c * ld, ld_transposed, 0.0);
   dense::add_product(Z11, node.ld, columns, columns, transposed, ld_transposed, {X, ld, 1}, columns);
   if (below > 0)
-    dense::add_product(Z11, node.ld, columns, columns, transposed + std::ptrdiff_t(columns) * ld_transposed, ld_transposed,
-                       {minus, ld_minus, 1}, below);
+    dense::add_product(Z11, node.ld, columns, columns, transposed + std::ptrdiff_t(columns) * ld_transposed,
+                       ld_transposed, {minus, ld_minus, 1}, below);
   for (int c = 0; c < columns; ++c) {
     for (int r = c + 1; r < columns; ++r) Z11[r * ld + c] = Z11[c * ld + r];
     for (int r = 0; r < below; ++r)

@@ -1,6 +1,6 @@
-// Cholesky factorisation of symmetric positive definite matrices made of small blocks: what the normal equations of a map
-// are. Multifrontal, on supernodes; the pattern is analysed once, then values change and are factored again without a single
-// allocation. Same pattern, same values: same bits, on every x86-64 (dense_kernels.hpp).
+// Cholesky factorisation of symmetric positive definite matrices made of small blocks: what the normal equations of a
+// map are. Multifrontal, on supernodes; the pattern is analysed once, then values change and are factored again without
+// a single allocation. Same pattern, same values: same bits, on every x86-64 (dense_kernels.hpp).
 //
 //   BlockPattern pattern({3, 3, 2});                     // block sizes
 //   pattern.add(0, 1);                                   // H(0, 1) and H(1, 0) are not zero; the diagonal never is
@@ -75,12 +75,14 @@ class BlockCholesky {
   int offset(int block) const { return offsets_[index(block)]; }
   const FactorSize& factor_size() const { return factor_size_; }
 
-  /// H(i, j); (i, j) or (j, i) must be in the pattern. Values added at (i, j) are those of (j, i), transposed. log(degree).
+  /// H(i, j); (i, j) or (j, i) must be in the pattern. Values added at (i, j) are those of (j, i), transposed.
+  /// log(degree).
   Slot slot(int i, int j) const;
 
   void set_zero();
 
-  /// H(i, j) += block (size of i by size of j) and H(j, i) += block^T. Of a diagonal block both triangles must be given.
+  /// H(i, j) += block (size of i by size of j) and H(j, i) += block^T. Of a diagonal block both triangles must be
+  /// given.
   template <class Derived>
   void add(Slot slot, const Eigen::MatrixBase<Derived>& block) {
     constexpr int Rows = Derived::RowsAtCompileTime, Cols = Derived::ColsAtCompileTime;
@@ -117,15 +119,15 @@ class BlockCholesky {
     int source, target, length;
   };
   struct Supernode {
-    int first = 0;                        ///< first row in elimination order
-    int columns = 0, rows = 0;            ///< of the front: rows >= columns
+    int first = 0;              ///< first row in elimination order
+    int columns = 0, rows = 0;  ///< of the front: rows >= columns
     int ld = 0, ld_update = 0;
     int parent = -1;
-    int depth = 0;                        ///< 0: a root
-    std::size_t panel = 0;                ///< where L begins
-    std::size_t entries_begin = 0;        ///< into entries_
-    std::size_t runs_begin = 0;           ///< into runs_
-    std::size_t row_runs_begin = 0;       ///< into row_runs_
+    int depth = 0;                   ///< 0: a root
+    std::size_t panel = 0;           ///< where L begins
+    std::size_t entries_begin = 0;   ///< into entries_
+    std::size_t runs_begin = 0;      ///< into runs_
+    std::size_t row_runs_begin = 0;  ///< into row_runs_
   };
   /// A block of H within its front.
   struct Entry {
@@ -146,10 +148,10 @@ class BlockCholesky {
   std::vector<int> sizes_, offsets_;
   std::vector<std::size_t> square_offsets_;
   int size_ = 0;
-  std::vector<int> position_;       ///< first row of each block in elimination order
-  std::vector<int> supernode_of_;   ///< of each block
-  std::vector<int> block_of_row_;   ///< in elimination order
-  std::vector<Supernode> supernodes_;  ///< in postorder; one more at the end closes the ranges
+  std::vector<int> position_;                       ///< first row of each block in elimination order
+  std::vector<int> supernode_of_;                   ///< of each block
+  std::vector<int> block_of_row_;                   ///< in elimination order
+  std::vector<Supernode> supernodes_;               ///< in postorder; one more at the end closes the ranges
   std::vector<int> last_child_, previous_sibling_;  ///< of each supernode; -1: none
   std::vector<Entry> entries_;
   std::vector<Run> runs_, row_runs_;

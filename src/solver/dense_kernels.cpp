@@ -21,8 +21,8 @@ CONVOY_INLINE Vector load(const double* from) {
 }
 CONVOY_INLINE void store(double* to, const Vector& v) { __builtin_memcpy(to, &v, sizeof v); }
 
-constexpr int kTile = 4;       // columns of C computed at once
-constexpr int kPanel = 64;     // columns factored before what is right of them is updated
+constexpr int kTile = 4;    // columns of C computed at once
+constexpr int kPanel = 64;  // columns factored before what is right of them is updated
 
 // V vectors of rows by N columns of C, held in registers over the whole sum: hence every loop but that one is unrolled.
 template <int V, int N, bool Add>
@@ -203,21 +203,21 @@ struct Kernels {
   void (*solve_right)(double*, int, int, int, const double*, int);
 };
 
-#define CONVOY_KERNELS(NAME, TARGET)                                                                                  \
-  namespace NAME {                                                                                                    \
-  TARGET void add(double* C, int ldc, int m, int n, const double* A, int lda, const Strided& B, int k) {              \
-    product<true>(C, ldc, m, n, A, lda, B, k);                                                                        \
-  }                                                                                                                   \
-  TARGET void subtract(double* C, int ldc, int m, int n, const double* A, int lda, const Strided& B, int k) {         \
-    product<false>(C, ldc, m, n, A, lda, B, k);                                                                       \
-  }                                                                                                                   \
-  TARGET int factor(double* P, int ld, int rows, int columns, double* U, int ldu, const double* smallest_pivot) {     \
-    return front(P, ld, rows, columns, U, ldu, smallest_pivot);                                                       \
-  }                                                                                                                   \
-  TARGET void solve(double* X, int ldx, int rows, int columns, const double* L, int ld) {                             \
-    right_solve(X, ldx, rows, columns, L, ld);                                                                        \
-  }                                                                                                                   \
-  constexpr Kernels kernels{add, subtract, factor, solve};                                                            \
+#define CONVOY_KERNELS(NAME, TARGET)                                                                              \
+  namespace NAME {                                                                                                \
+  TARGET void add(double* C, int ldc, int m, int n, const double* A, int lda, const Strided& B, int k) {          \
+    product<true>(C, ldc, m, n, A, lda, B, k);                                                                    \
+  }                                                                                                               \
+  TARGET void subtract(double* C, int ldc, int m, int n, const double* A, int lda, const Strided& B, int k) {     \
+    product<false>(C, ldc, m, n, A, lda, B, k);                                                                   \
+  }                                                                                                               \
+  TARGET int factor(double* P, int ld, int rows, int columns, double* U, int ldu, const double* smallest_pivot) { \
+    return front(P, ld, rows, columns, U, ldu, smallest_pivot);                                                   \
+  }                                                                                                               \
+  TARGET void solve(double* X, int ldx, int rows, int columns, const double* L, int ld) {                         \
+    right_solve(X, ldx, rows, columns, L, ld);                                                                    \
+  }                                                                                                               \
+  constexpr Kernels kernels{add, subtract, factor, solve};                                                        \
   }
 
 CONVOY_KERNELS(portable, )
@@ -261,23 +261,20 @@ void solve_right(double* X, int ldx, int rows, int columns, const double* L, int
 
 void add_to(double* y, const double* x, int n) {
   int i = 0;
-  for (; i + 4 <= n; i += 4)
-    store(y + i, load(y + i) + load(x + i));
+  for (; i + 4 <= n; i += 4) store(y + i, load(y + i) + load(x + i));
   for (; i < n; ++i) y[i] += x[i];
 }
 
 void add_scaled(double* y, double a, const double* x, int n) {
   int i = 0;
-  for (; i + 4 <= n; i += 4)
-    store(y + i, load(y + i) + a * load(x + i));
+  for (; i + 4 <= n; i += 4) store(y + i, load(y + i) + a * load(x + i));
   for (; i < n; ++i) y[i] += a * x[i];
 }
 
 double dot(const double* x, const double* y, int n) {
   Vector sums = {};
   int i = 0;
-  for (; i + 4 <= n; i += 4)
-    sums += load(x + i) * load(y + i);
+  for (; i + 4 <= n; i += 4) sums += load(x + i) * load(y + i);
   double sum = (sums[0] + sums[1]) + (sums[2] + sums[3]);
   for (; i < n; ++i) sum += x[i] * y[i];
   return sum;

@@ -1,5 +1,5 @@
-// Dense pieces of the block-sparse factorisation. All matrices are column-major doubles, all leading dimensions multiples of
-// kRowPad, so that whole vectors of rows can be read and written; what lies in the padding is never used.
+// Dense pieces of the block-sparse factorisation. All matrices are column-major doubles, all leading dimensions
+// multiples of kRowPad, so that whole vectors of rows can be read and written; what lies in the padding is never used.
 //
 // Determinism: every element of a result has one order of summation, whatever the vector width; there is no fused
 // multiply-add. The AVX2 and the portable variant give the same bits.
@@ -23,10 +23,10 @@ struct Strided {
 void add_product(double* C, int ldc, int m, int n, const double* A, int lda, const Strided& B, int k);
 void subtract_product(double* C, int ldc, int m, int n, const double* A, int lda, const Strided& B, int k);
 
-/// Partial Cholesky factorisation of a front [F11 .; F21 F22]: `panel` holds its first `columns` columns (`rows` rows, lower
-/// triangle) and becomes [L11; L21]; `update`, the lower triangle of F22, becomes F22 - L21 L21^T. What is above the diagonal
-/// is overwritten. Pivot c must exceed `smallest_pivot[c]` (>= 0). At least kRowPad doubles must follow the panel.
-/// Returns the first column whose pivot does not, or -1.
+/// Partial Cholesky factorisation of a front [F11 .; F21 F22]: `panel` holds its first `columns` columns (`rows` rows,
+/// lower triangle) and becomes [L11; L21]; `update`, the lower triangle of F22, becomes F22 - L21 L21^T. What is above
+/// the diagonal is overwritten. Pivot c must exceed `smallest_pivot[c]` (>= 0). At least kRowPad doubles must follow
+/// the panel. Returns the first column whose pivot does not, or -1.
 [[nodiscard]] int factor_front(double* panel, int ld, int rows, int columns, double* update, int ld_update,
                                const double* smallest_pivot);
 

@@ -27,7 +27,8 @@ class Parser {
       else if (tag == "FIX") fix();
       else
         refuse("the tag " + quoted(tag) +
-               " is not known; VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT, EDGE_SE3:QUAT and FIX are: remove or convert the line");
+               " is not known; VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT, EDGE_SE3:QUAT and FIX are: remove or convert the "
+               "line");
     }
     if (edges_.empty()) throw ConfigError(name_ + ": holds no edge; a pose graph has at least one EDGE_ line");
     link();
@@ -74,7 +75,8 @@ class Parser {
     const std::string_view text = fields_[field];
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
     if (error != std::errc() || end != text.data() + text.size())
-      refuse("field " + std::to_string(field + 1) + " is " + quoted(text) + "; it must be an id, a whole number from 0");
+      refuse("field " + std::to_string(field + 1) + " is " + quoted(text) +
+             "; it must be an id, a whole number from 0");
     return value;
   }
 
@@ -129,7 +131,8 @@ class Parser {
     std::size_t field = 3 + numbers;
     for (int r = 0; r < n; ++r)
       for (int c = r; c < n; ++c) parsed.information(r, c) = parsed.information(c, r) = number(field++);
-    const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(parsed.information, Eigen::EigenvaluesOnly).eigenvalues();
+    const Eigen::VectorXd values =
+        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(parsed.information, Eigen::EigenvaluesOnly).eigenvalues();
     if (values.minCoeff() < -1e-9 * std::abs(values.maxCoeff()) || values.maxCoeff() <= 0.0)
       refuse("the information matrix (upper triangle, row by row) is not positive semi-definite: smallest eigenvalue " +
              std::to_string(values.minCoeff()) + ", largest " + std::to_string(values.maxCoeff()));
@@ -152,7 +155,8 @@ class Parser {
     for (const RawEdge& fix : fixes_)
       if (fix.from != file_.vertices.front().id)
         refuse_at(fix.line, "FIX of vertex " + std::to_string(fix.from) + "; only the first vertex, " +
-                                std::to_string(file_.vertices.front().id) + ", can be fixed, and always is: remove the line");
+                                std::to_string(file_.vertices.front().id) +
+                                ", can be fixed, and always is: remove the line");
     for (std::size_t k = 0; k < edges_.size(); ++k) {
       file_.edges[k].from = index_of(edges_[k].from, edges_[k].line);
       file_.edges[k].to = index_of(edges_[k].to, edges_[k].line);
@@ -162,7 +166,8 @@ class Parser {
   int index_of(std::uint64_t key, std::size_t line) const {
     const auto found = vertex_of_.find(key);
     if (found == vertex_of_.end())
-      refuse_at(line, "the edge names vertex " + std::to_string(key) + ", which has no VERTEX line; add it, or remove all of them");
+      refuse_at(line, "the edge names vertex " + std::to_string(key) +
+                          ", which has no VERTEX line; add it, or remove all of them");
     return found->second;
   }
 
@@ -189,7 +194,8 @@ G2oFile parse_g2o(std::string_view text, const std::string& name) { return Parse
 
 G2oFile read_g2o(const std::filesystem::path& path) {
   std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) throw ConfigError(path.string() + ": cannot be read; give a g2o file");
+  if (!in || std::filesystem::is_directory(path))
+    throw ConfigError(path.string() + ": cannot be read; give a g2o file");
   const std::string text{std::istreambuf_iterator<char>(in), {}};
   return parse_g2o(text, path.string());
 }

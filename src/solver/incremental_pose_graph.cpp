@@ -117,10 +117,12 @@ void IncrementalPoseGraph<G>::place(int k) {
 // Marks are closed upwards: what is above a marked front is marked at least as strongly.
 template <class G>
 void IncrementalPoseGraph<G>::mark_path(int front, typename Front::Mark mark) {
-  for (; front >= 0 && fronts_[at(front)].mark < mark; front = fronts_[at(front)].parent) fronts_[at(front)].mark = mark;
+  for (; front >= 0 && fronts_[at(front)].mark < mark; front = fronts_[at(front)].parent)
+    fronts_[at(front)].mark = mark;
 }
 
-// Every front that a pose is in depends on where it is linearised: its own, and below it those with it in the separator.
+// Every front that a pose is in depends on where it is linearised: its own, and below it those with it in the
+// separator.
 template <class G>
 void IncrementalPoseGraph<G>::mark_involved(int pose) {
   mark_path(front_of_[at(pose)], Front::Mark::refactor);
@@ -292,7 +294,8 @@ std::vector<int> IncrementalPoseGraph<G>::build_fronts(const std::vector<int>& o
   for (const int o : orphans) {
     const Front& orphan = fronts_[at(o)];
     int first = n;
-    for (auto p = orphan.poses.begin() + orphan.own; p != orphan.poses.end(); ++p) first = std::min(first, where_[at(*p)]);
+    for (auto p = orphan.poses.begin() + orphan.own; p != orphan.poses.end(); ++p)
+      first = std::min(first, where_[at(*p)]);
     hung[at(first)].push_back(o);
   }
   for (int i = 0; i < n; ++i) {
@@ -440,7 +443,8 @@ bool IncrementalPoseGraph<G>::factor(int index) {
       const double* from = child.update.data() + std::ptrdiff_t(D * j) * child.ld_update;
       for (int i = j; i < separator; ++i) {
         const int to_i = where_[at(child.poses[at(child.own + i)])];
-        add(to_i, to_j, Eigen::Map<const Block, 0, Eigen::OuterStride<>>(from + D * i, Eigen::OuterStride<>(child.ld_update)));
+        add(to_i, to_j,
+            Eigen::Map<const Block, 0, Eigen::OuterStride<>>(from + D * i, Eigen::OuterStride<>(child.ld_update)));
       }
       typename G::Tangent b;
       for (int d = 0; d < D; ++d) b[d] = from[d * child.ld_update + D * separator];
@@ -486,7 +490,8 @@ void IncrementalPoseGraph<G>::back_substitute() {
     Front& front = fronts_[at(f)];
     const bool touched = front.mark != Front::Mark::keep;
     const auto separator = front.poses.begin() + front.own;
-    if (!touched && std::none_of(separator, front.poses.end(), [&](int k) { return changed_[at(k)] == update_serial_; }))
+    if (!touched &&
+        std::none_of(separator, front.poses.end(), [&](int k) { return changed_[at(k)] == update_serial_; }))
       continue;
     front.mark = Front::Mark::keep;
     solve_front(front);
@@ -518,7 +523,8 @@ void IncrementalPoseGraph<G>::rebuild_all() {
     joining_.push_back(k);
   }
   for (std::size_t f = 0; f < factors_.size(); ++f)
-    linear_[f].linearise(params_.residual, factors_[f], linearised_[at(factors_[f].from)], linearised_[at(factors_[f].to)]);
+    linear_[f].linearise(params_.residual, factors_[f], linearised_[at(factors_[f].from)],
+                         linearised_[at(factors_[f].to)]);
   last_.relinearised = size() - 1;
   far_.clear();
   broken_ = !rebuild_top();

@@ -1,9 +1,10 @@
 // A pose graph that grows: poses come in order, each with its factors, and only what they touch is solved again.
 //
-// The factorisation is kept as a tree of fronts, each with the update it handed to its parent. New factors take apart the
-// paths from their poses to the root; what hangs below stays as it is, and the top is ordered again with the newest pose last
-// (as iSAM2 does: Kaess et al., IJRR 2012). Poses that moved far from where they were linearised are linearised again, in place.
-// A pose that nothing but its odometry speaks of changes nothing and waits outside the tree.
+// The factorisation is kept as a tree of fronts, each with the update it handed to its parent. New factors take apart
+// the paths from their poses to the root; what hangs below stays as it is, and the top is ordered again with the newest
+// pose last (as iSAM2 does: Kaess et al., IJRR 2012). Poses that moved far from where they were linearised are
+// linearised again, in place. A pose that nothing but its odometry speaks of changes nothing and waits outside the
+// tree.
 #pragma once
 
 #include <convoy/solver/pose_graph.hpp>
@@ -15,18 +16,18 @@ namespace convoy {
 
 struct IncrementalParams {
   PoseResidual residual = PoseResidual::log;
-  double relinearise_m = 0.2;      ///< a pose whose linear step is longer is linearised again
-  double relinearise_rad = 0.02;   ///< the same for its rotation
-  double propagate = 1e-4;         ///< steps that change by less are not handed down [m, rad]
-  double again_factor = 2.0;       ///< steps longer than this times the above are linearised again even if nothing new came
+  double relinearise_m = 0.2;     ///< a pose whose linear step is longer is linearised again
+  double relinearise_rad = 0.02;  ///< the same for its rotation
+  double propagate = 1e-4;        ///< steps that change by less are not handed down [m, rad]
+  double again_factor = 2.0;  ///< steps longer than this times the above are linearised again even if nothing new came
 };
 
 /// What the last update did.
 struct IncrementalUpdate {
-  int fronts = 0;             ///< fronts that were factored
-  int relinearised = 0;       ///< poses
-  int moved = 0;              ///< poses whose estimate changed
-  bool failed = false;        ///< not positive definite: the estimate is the one before; the next update tries again
+  int fronts = 0;        ///< fronts that were factored
+  int relinearised = 0;  ///< poses
+  int moved = 0;         ///< poses whose estimate changed
+  bool failed = false;   ///< not positive definite: the estimate is the one before; the next update tries again
 };
 
 template <class G>
@@ -35,8 +36,8 @@ class IncrementalPoseGraph {
   /// Pose 0 is fixed at `first`.
   explicit IncrementalPoseGraph(const G& first, const IncrementalParams& params = {});
 
-  /// Adds pose size() with its factors to poses before it. The factor to the latest of them gives the starting point. False,
-  /// and nothing changed, if there is none or if a factor names any other pose.
+  /// Adds pose size() with its factors to poses before it. The factor to the latest of them gives the starting point.
+  /// False, and nothing changed, if there is none or if a factor names any other pose.
   [[nodiscard]] bool add(std::span<const PoseFactor<G>> factors);
   /// Adds factors between poses that are there; none at all: one more iteration, if poses are far from where they are
   /// linearised. False, and nothing changed, if one names any other pose, or a pose twice.
@@ -48,11 +49,12 @@ class IncrementalPoseGraph {
   const std::vector<PoseFactor<G>>& factors() const { return factors_; }
   const IncrementalUpdate& last_update() const { return last_; }
 
-  /// Block (i, j) of the covariance of right perturbations of the poses, where they are linearised; zero for pose 0. Takes time
-  /// of the paths of i and j to the root. Not while last_update().failed.
+  /// Block (i, j) of the covariance of right perturbations of the poses, where they are linearised; zero for pose 0.
+  /// Takes time of the paths of i and j to the root. Not while last_update().failed.
   typename G::Adjoint covariance(int i, int j);
 
-  /// The exact solution: batch iterations from the present estimate until nothing moves. The tree is then at that estimate.
+  /// The exact solution: batch iterations from the present estimate until nothing moves. The tree is then at that
+  /// estimate.
   PoseGraphReport finish();
 
  private:
@@ -93,22 +95,22 @@ class IncrementalPoseGraph {
   IncrementalParams params_;
   std::vector<PoseFactor<G>> factors_;
   std::vector<LinearPoseFactor<G>> linear_;
-  std::vector<std::vector<int>> factors_of_;   ///< of each pose
-  std::vector<G> linearised_;                  ///< where each pose is linearised
-  std::vector<typename G::Tangent> step_;      ///< from there to the estimate
-  std::vector<int> front_of_;                  ///< -1: not in the tree
-  std::vector<int> waiting_;                   ///< poses outside the tree, in order, each with its one factor to one before
-  std::vector<int> joining_;                   ///< poses that enter the tree in this update
+  std::vector<std::vector<int>> factors_of_;  ///< of each pose
+  std::vector<G> linearised_;                 ///< where each pose is linearised
+  std::vector<typename G::Tangent> step_;     ///< from there to the estimate
+  std::vector<int> front_of_;                 ///< -1: not in the tree
+  std::vector<int> waiting_;  ///< poses outside the tree, in order, each with its one factor to one before
+  std::vector<int> joining_;  ///< poses that enter the tree in this update
   std::vector<Front> fronts_;
   std::vector<int> free_, roots_;
-  std::vector<int> far_;                       ///< poses to linearise again, sorted
-  std::vector<int> candidates_;                ///< poses whose step changed and may be far
-  std::vector<int> where_, stamp_, changed_;   ///< scratch, by pose
-  std::vector<int> marked_;                    ///< fronts with a mark, parents before children once sorted
-  std::vector<typename G::Adjoint> column_;     ///< scratch: a block column of the covariance, by pose
+  std::vector<int> far_;                      ///< poses to linearise again, sorted
+  std::vector<int> candidates_;               ///< poses whose step changed and may be far
+  std::vector<int> where_, stamp_, changed_;  ///< scratch, by pose
+  std::vector<int> marked_;                   ///< fronts with a mark, parents before children once sorted
+  std::vector<typename G::Adjoint> column_;   ///< scratch: a block column of the covariance, by pose
   std::vector<double> smallest_pivot_, front_column_;
   int serial_ = 0, update_serial_ = 0;
-  bool broken_ = false;                        ///< a factorisation failed: rebuild everything next time
+  bool broken_ = false;  ///< a factorisation failed: rebuild everything next time
   IncrementalUpdate last_;
 };
 

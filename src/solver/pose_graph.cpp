@@ -62,8 +62,8 @@ std::vector<G> composed_poses(const PoseGraph<G>& graph) {
   }
   std::vector<G> poses = graph.poses;
   std::vector<bool> placed = fixed_poses(graph);
-  // Poses that are linked to one that is placed, the earliest first; each is then placed by the latest of its neighbours
-  // that comes before it, or else by the earliest that comes after.
+  // Poses that are linked to one that is placed, the earliest first; each is then placed by the latest of its
+  // neighbours that comes before it, or else by the earliest that comes after.
   std::priority_queue<int, std::vector<int>, std::greater<>> ready;
   const auto announce = [&](int k) {
     for (const std::size_t f : adjacent[at(k)]) {
@@ -90,7 +90,8 @@ std::vector<G> composed_poses(const PoseGraph<G>& graph) {
         best_other = other;
       }
     }
-    poses[at(k)] = best->to == k ? poses[at(best_other)] * best->measured : poses[at(best_other)] * best->measured.inverse();
+    poses[at(k)] =
+        best->to == k ? poses[at(best_other)] * best->measured : poses[at(best_other)] * best->measured.inverse();
     placed[at(k)] = true;
     announce(k);
   }
@@ -258,11 +259,11 @@ std::vector<typename G::Covariance> PoseGraphSolver<G>::marginals() {
   return result;
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                     \
-  template double pose_graph_cost<G>(PoseResidual, const std::vector<PoseFactor<G>>&, const std::vector<G>&);     \
-  template std::vector<bool> fixed_poses<G>(const PoseGraph<G>&);                                                 \
-  template std::vector<G> composed_poses<G>(const PoseGraph<G>&);                                                 \
-  template std::vector<G> relaxed_poses<G>(const PoseGraph<G>&);                                                  \
+#define CONVOY_INSTANTIATE(G)                                                                                 \
+  template double pose_graph_cost<G>(PoseResidual, const std::vector<PoseFactor<G>>&, const std::vector<G>&); \
+  template std::vector<bool> fixed_poses<G>(const PoseGraph<G>&);                                             \
+  template std::vector<G> composed_poses<G>(const PoseGraph<G>&);                                             \
+  template std::vector<G> relaxed_poses<G>(const PoseGraph<G>&);                                              \
   template class PoseGraphSolver<G>;
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

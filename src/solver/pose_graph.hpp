@@ -1,5 +1,5 @@
-// Pose graphs: poses T_k and relative measurements between them, solved by Gauss-Newton with Levenberg-Marquardt damping where
-// a full step goes uphill. The first pose of every connected component stays where it is.
+// Pose graphs: poses T_k and relative measurements between them, solved by Gauss-Newton with Levenberg-Marquardt
+// damping where a full step goes uphill. The first pose of every connected component stays where it is.
 #pragma once
 
 #include <convoy/solver/block_cholesky.hpp>
@@ -10,7 +10,8 @@
 
 namespace convoy {
 
-/// A relative pose: T_from^-1 T_to = measured, up to noise with this information (inverse covariance, order of G::Tangent).
+/// A relative pose: T_from^-1 T_to = measured, up to noise with this information (inverse covariance, order of
+/// G::Tangent).
 template <class G>
 struct PoseFactor {
   int from = 0, to = 0;
@@ -58,8 +59,8 @@ typename G::Adjoint pose_residual_jacobian(PoseResidual kind, const G& E) {
   return J;
 }
 
-/// One factor at a pair of poses, as it enters the normal equations: cost and, if asked for, blocks of H = J^T W J and of
-/// b = -J^T W r.
+/// One factor at a pair of poses, as it enters the normal equations: cost and, if asked for, blocks of H = J^T W J and
+/// of b = -J^T W r.
 template <class G>
 struct LinearPoseFactor {
   typename G::Adjoint H_from, H_to, H_to_from;
@@ -90,15 +91,16 @@ double pose_graph_cost(PoseResidual kind, const std::vector<PoseFactor<G>>& fact
 template <class G>
 std::vector<bool> fixed_poses(const PoseGraph<G>& graph);
 
-/// A cold start: poses in order, each placed by its factor to the latest pose before it (odometry, where there is odometry),
-/// what is not linked to an earlier one as soon as it is linked to any. The first pose of each component stays.
+/// A cold start: poses in order, each placed by its factor to the latest pose before it (odometry, where there is
+/// odometry), what is not linked to an earlier one as soon as it is linked to any. The first pose of each component
+/// stays.
 template <class G>
 std::vector<G> composed_poses(const PoseGraph<G>& graph);
 
-/// A start that does not add up the errors of a chain: rotations by linear least squares on the entries of their matrices,
-/// projected onto rotations (chordal relaxation: Martinec & Pajdla, CVPR 2007), then positions by linear least squares. The first
-/// pose of each component stays. Where a system is singular, the poses as they are. From here Gauss-Newton converges on graphs
-/// (INTEL, for one) where it fails from composed_poses.
+/// A start that does not add up the errors of a chain: rotations by linear least squares on the entries of their
+/// matrices, projected onto rotations (chordal relaxation: Martinec & Pajdla, CVPR 2007), then positions by linear
+/// least squares. The first pose of each component stays. Where a system is singular, the poses as they are. From here
+/// Gauss-Newton converges on graphs (INTEL, for one) where it fails from composed_poses.
 template <class G>
 std::vector<G> relaxed_poses(const PoseGraph<G>& graph);
 
@@ -115,7 +117,8 @@ struct PoseGraphReport {
   double final_cost = 0.0;
 };
 
-/// Batch solution. The analysis of the pattern is kept, so that another optimise() of the same graph does not repeat it.
+/// Batch solution. The analysis of the pattern is kept, so that another optimise() of the same graph does not repeat
+/// it.
 template <class G>
 class PoseGraphSolver {
  public:
@@ -129,7 +132,8 @@ class PoseGraphSolver {
   const PoseGraph<G>& graph() const { return graph_; }
   /// Covariance of the right perturbation of every pose at the last factorisation; zero for a fixed pose.
   std::vector<typename G::Covariance> marginals();
-  /// One Gauss-Newton iteration: linearise, factor, solve; the poses stay. False if H is not positive definite. For benches.
+  /// One Gauss-Newton iteration: linearise, factor, solve; the poses stay. False if H is not positive definite. For
+  /// benches.
   bool iterate();
   const BlockCholesky& cholesky() const { return cholesky_; }
 

@@ -1,10 +1,10 @@
-// The factorisation against Eigen's scalar LDLT with AMD, on a street fleet of 100 vehicles with 1000 nodes each and, if they
-// are on this machine ($CONVOY_DATA_DIR, or ../shared/data beside the source tree), on public pose graphs.
+// The factorisation against Eigen's scalar LDLT with AMD, on a street fleet of 100 vehicles with 1000 nodes each and,
+// if they are on this machine ($CONVOY_DATA_DIR, or ../shared/data beside the source tree), on public pose graphs.
+#include <sys/resource.h>
 #include <convoy/solver/block_cholesky.hpp>
 #include <convoy/solver/block_ordering.hpp>
 #include <convoy/solver/g2o.hpp>
 #include <convoy/solver/incremental_pose_graph.hpp>
-#include <sys/resource.h>
 
 #include <Eigen/Sparse>
 #include <Eigen/SparseCholesky>
@@ -29,7 +29,8 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 /// A graph whose factors are linearised once, for both solvers.
 template <int D>
 struct System {
-  System(int nodes, std::vector<std::pair<int, int>> edges) : pattern(std::vector<int>(at(nodes), D)), edges_(std::move(edges)) {
+  System(int nodes, std::vector<std::pair<int, int>> edges)
+      : pattern(std::vector<int>(at(nodes), D)), edges_(std::move(edges)) {
     for (const auto& [a, b] : edges_) pattern.add(a, b);
     std::mt19937_64 random(3);
     std::uniform_real_distribution<double> unit(-0.3, 0.3);
@@ -177,8 +178,8 @@ BENCHMARK(BM_fleet_cold_solve)->Arg(300)->Arg(20000)->Arg(68000)->Iterations(1)-
 /// The graph, or nothing and the bench skipped.
 std::unique_ptr<PoseGraph<SE2>> public_graph(benchmark::State& state, const std::string& name) {
   const char* variable = std::getenv("CONVOY_DATA_DIR");
-  const std::filesystem::path root =
-      variable ? std::filesystem::path(variable) : std::filesystem::path(__FILE__).parent_path() / "../../../shared/data";
+  const std::filesystem::path root = variable ? std::filesystem::path(variable)
+                                              : std::filesystem::path(__FILE__).parent_path() / "../../../shared/data";
   const std::filesystem::path path = root / "pose_graphs/single" / name;
   if (!std::filesystem::exists(path)) {
     state.SetLabel("skipped: no pose_graphs/single/" + name + "; set CONVOY_DATA_DIR");
@@ -282,8 +283,8 @@ void BM_public_marginals(benchmark::State& state) {
 }
 BENCHMARK(BM_public_marginals)->DenseRange(0, 4)->Unit(benchmark::kMillisecond);
 
-// Poses in order. Counters: milliseconds of an update, and the cost before and after the final solution. A fourth quantile
-// is that of updates that factored anything, because most add one pose to the end and factor nothing.
+// Poses in order. Counters: milliseconds of an update, and the cost before and after the final solution. A fourth
+// quantile is that of updates that factored anything, because most add one pose to the end and factor nothing.
 void BM_public_incremental(benchmark::State& state) {
   const auto graph = public_graph(state, kGraphs[state.range(0)]);
   if (!graph) return;
@@ -315,7 +316,8 @@ void BM_public_incremental(benchmark::State& state) {
 }
 BENCHMARK(BM_public_incremental)->DenseRange(0, 4)->Iterations(1)->Unit(benchmark::kMillisecond);
 
-// A fleet whose poses come in turns, each with its factors. Counters: milliseconds of those updates that factored anything.
+// A fleet whose poses come in turns, each with its factors. Counters: milliseconds of those updates that factored
+// anything.
 void BM_fleet_incremental(benchmark::State& state) {
   const int vehicles = static_cast<int>(state.range(0)), nodes = vehicles < 10 ? 100 : 1000;
   const bench::StreetFleet streets(vehicles, nodes, vehicles * nodes / 5, vehicles < 10 ? 4 : 10);

@@ -1,5 +1,5 @@
-// A fleet on a street grid, as a graph: every vehicle drives straight and turns at random at intersections; where it passes a
-// place that somebody was at before, it is linked to the last one there, now and then.
+// A fleet on a street grid, as a graph: every vehicle drives straight and turns at random at intersections; where it
+// passes a place that somebody was at before, it is linked to the last one there, now and then.
 #pragma once
 
 #include <convoy/geometry/se2.hpp>
@@ -13,7 +13,8 @@
 namespace convoy::bench {
 
 struct StreetFleet {
-  /// Nodes of vehicle v: v * nodes .. (v + 1) * nodes - 1, 10 m apart; a city block is 100 m; `intersections` along each side.
+  /// Nodes of vehicle v: v * nodes .. (v + 1) * nodes - 1, 10 m apart; a city block is 100 m; `intersections` along
+  /// each side.
   StreetFleet(int vehicles, int nodes, int link_count, int intersections = 32, std::uint64_t seed = 1) {
     std::mt19937_64 random(seed);
     const auto below = [&](int n) { return static_cast<int>(random() % static_cast<std::uint64_t>(n)); };

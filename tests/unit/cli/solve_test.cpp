@@ -44,7 +44,8 @@ TEST(Solve, WritesItsVerdictAndTheGraph) {
   EXPECT_GT(json.at("peak_mb"), 1.0);
   const G2oFile file = read_g2o(folder / "batch/solved.g2o");
   const PoseGraph<SE2> graph = pose_graph_se2(file);
-  EXPECT_NEAR(pose_graph_cost(PoseResidual::g2o, graph.factors, graph.poses), json.at("final_cost").get<double>(), 1e-12);
+  EXPECT_NEAR(pose_graph_cost(PoseResidual::g2o, graph.factors, graph.poses), json.at("final_cost").get<double>(),
+              1e-12);
 }
 
 TEST(Solve, IncrementallyToTheSameCost) {
@@ -68,7 +69,8 @@ TEST(Solve, RefusesWhatItCannotDo) {
   EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("solving in 3-D is not built yet"));
   test::write(options.graph, "EDGE_SE2 0 2 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n");
   options.incremental = true;
-  EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("vertex 1 has no edge to a vertex with a smaller id"));
+  EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
+              HasSubstr("vertex 1 has no edge to a vertex with a smaller id"));
   options.residual = "best";
   EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("--residual best is not known"));
   EXPECT_FALSE(std::filesystem::exists(options.out));

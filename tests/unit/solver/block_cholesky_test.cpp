@@ -59,10 +59,12 @@ struct RandomMatrix {
     std::vector<std::pair<int, int>> once = links_;
     for (auto& [i, j] : once)
       if (i > j && (i + j) % 2) std::swap(i, j);  // given in either orientation
-    std::sort(once.begin(), once.end(), [](auto a, auto b) { return std::minmax(a.first, a.second) < std::minmax(b.first, b.second); });
-    once.erase(std::unique(once.begin(), once.end(),
-                           [](auto a, auto b) { return std::minmax(a.first, a.second) == std::minmax(b.first, b.second); }),
-               once.end());
+    std::sort(once.begin(), once.end(),
+              [](auto a, auto b) { return std::minmax(a.first, a.second) < std::minmax(b.first, b.second); });
+    once.erase(
+        std::unique(once.begin(), once.end(),
+                    [](auto a, auto b) { return std::minmax(a.first, a.second) == std::minmax(b.first, b.second); }),
+        once.end());
     for (const auto& [i, j] : once) solver.add(solver.slot(i, j), Eigen::MatrixXd(block(i, j)));
   }
 
@@ -159,10 +161,12 @@ TEST_P(RandomMatrices, TheSameBitsAgainAndOnEveryProcessor) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Shapes, RandomMatrices,
-                         testing::Values(Shape{1, 1, 0}, Shape{2, 2, 1}, Shape{3, 3, 4}, Shape{4, 7, 3}, Shape{5, 20, 8},
-                                         Shape{6, 50, 40}, Shape{7, 60, 600}, Shape{8, 200, 60}, Shape{9, 150, 500},
-                                         Shape{10, 300, 0}),
-                         [](const auto& i) { return "Blocks" + std::to_string(i.param.blocks) + "Links" + std::to_string(i.param.links); });
+                         testing::Values(Shape{1, 1, 0}, Shape{2, 2, 1}, Shape{3, 3, 4}, Shape{4, 7, 3},
+                                         Shape{5, 20, 8}, Shape{6, 50, 40}, Shape{7, 60, 600}, Shape{8, 200, 60},
+                                         Shape{9, 150, 500}, Shape{10, 300, 0}),
+                         [](const auto& i) {
+                           return "Blocks" + std::to_string(i.param.blocks) + "Links" + std::to_string(i.param.links);
+                         });
 
 TEST(BlockCholesky, OfNothing) {
   BlockCholesky solver{BlockPattern()};
@@ -193,25 +197,30 @@ TEST(BlockCholesky, NamesOfBlocksDoNotMatter) {
   std::vector<int> sizes(80);
   for (int i = 0; i < n; ++i) sizes[static_cast<std::size_t>(name[static_cast<std::size_t>(i)])] = matrix.size(i);
   BlockPattern pattern(sizes);
-  for (const auto& [i, j] : matrix.links_) pattern.add(name[static_cast<std::size_t>(i)], name[static_cast<std::size_t>(j)]);
+  for (const auto& [i, j] : matrix.links_)
+    pattern.add(name[static_cast<std::size_t>(i)], name[static_cast<std::size_t>(j)]);
   BlockCholesky plain(matrix.pattern()), renamed(pattern);
   matrix.fill(plain);
   for (int i = 0; i < n; ++i)
     for (int j = 0; j <= i; ++j)
-      if (i == j || std::any_of(matrix.links_.begin(), matrix.links_.end(), [&](const auto& l) {
-            return std::minmax(l.first, l.second) == std::minmax(i, j);
-          }))
-        renamed.add(renamed.slot(name[static_cast<std::size_t>(i)], name[static_cast<std::size_t>(j)]), Eigen::MatrixXd(matrix.block(i, j)));
+      if (i == j || std::any_of(matrix.links_.begin(), matrix.links_.end(),
+                                [&](const auto& l) { return std::minmax(l.first, l.second) == std::minmax(i, j); }))
+        renamed.add(renamed.slot(name[static_cast<std::size_t>(i)], name[static_cast<std::size_t>(j)]),
+                    Eigen::MatrixXd(matrix.block(i, j)));
   ASSERT_TRUE(plain.factor().ok());
   ASSERT_TRUE(renamed.factor().ok());
   const Eigen::VectorXd b = random_vector(plain.size());
   Eigen::VectorXd x = b, y(plain.size());
   for (int i = 0; i < n; ++i)
-    y.segment(renamed.offset(name[static_cast<std::size_t>(i)]), matrix.size(i)) = b.segment(matrix.offset(i), matrix.size(i));
+    y.segment(renamed.offset(name[static_cast<std::size_t>(i)]), matrix.size(i)) =
+        b.segment(matrix.offset(i), matrix.size(i));
   plain.solve(x);
   renamed.solve(y);
   for (int i = 0; i < n; ++i)
-    EXPECT_LT((y.segment(renamed.offset(name[static_cast<std::size_t>(i)]), matrix.size(i)) - x.segment(matrix.offset(i), matrix.size(i))).norm(), 1e-11);
+    EXPECT_LT((y.segment(renamed.offset(name[static_cast<std::size_t>(i)]), matrix.size(i)) -
+               x.segment(matrix.offset(i), matrix.size(i)))
+                  .norm(),
+              1e-11);
 }
 
 TEST(BlockCholesky, FactorsNewValuesOfTheSamePattern) {
@@ -291,7 +300,9 @@ TEST(BlockCholesky, OneFrontOfManyColumns) {
     const std::vector<double> marginals = solver.marginals();
     for (int k = 0; k < n; ++k)
       EXPECT_LT((Eigen::Map<const Eigen::Matrix3d>(marginals.data() + solver.marginal_offset(k)) -
-                 inverse.block(3 * k, 3 * k, 3, 3)).norm(), 1e-11);
+                 inverse.block(3 * k, 3 * k, 3, 3))
+                    .norm(),
+                1e-11);
   }
 }
 

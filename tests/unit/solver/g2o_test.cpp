@@ -55,7 +55,8 @@ TEST(G2o, ReadsThreeDimensions) {
   std::string edge = "EDGE_SE3:QUAT 0 1 1 2 3 0 0 0 1";
   for (int r = 0; r < 6; ++r)
     for (int c = r; c < 6; ++c) edge += r == c ? " 2" : " 0.5";
-  const G2oFile file = parse_g2o("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 2 3 0.5 0.5 0.5 0.5\n" + edge, "x");
+  const G2oFile file =
+      parse_g2o("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 2 3 0.5 0.5 0.5 0.5\n" + edge, "x");
   EXPECT_EQ(file.dim, 3);
   EXPECT_EQ(file.edges[0].information.rows(), 6);
   EXPECT_EQ(file.edges[0].information(5, 0), 0.5);

@@ -22,7 +22,8 @@ std::vector<std::vector<PoseFactor<SE2>>> by_newest(const PoseGraph<SE2>& graph)
 
 double largest_difference(const std::vector<SE2>& a, const std::vector<SE2>& b) {
   double largest = 0.0;
-  for (std::size_t k = 0; k < a.size(); ++k) largest = std::max(largest, (a[k].inverse() * b[k]).Log().cwiseAbs().maxCoeff());
+  for (std::size_t k = 0; k < a.size(); ++k)
+    largest = std::max(largest, (a[k].inverse() * b[k]).Log().cwiseAbs().maxCoeff());
   return largest;
 }
 
@@ -114,10 +115,14 @@ TEST(IncrementalPoseGraph, CovariancesAreThoseOfTheWholeSystem) {
     const auto marginals = batch.marginals();
     const int n = incremental.size();
     for (const int i : {0, 1, n / 2, n - 2, n - 1}) {
-      EXPECT_LT((incremental.covariance(i, i) - marginals[static_cast<std::size_t>(i)]).norm(), 1e-5 * (1e-9 + marginals[static_cast<std::size_t>(i)].norm())) << i << " of " << n;
+      EXPECT_LT((incremental.covariance(i, i) - marginals[static_cast<std::size_t>(i)]).norm(),
+                1e-5 * (1e-9 + marginals[static_cast<std::size_t>(i)].norm()))
+          << i << " of " << n;
       for (const int j : {1, n / 3, n - 1}) {
-        const SE2::Adjoint expected = i == 0 ? SE2::Adjoint::Zero() : SE2::Adjoint(batch.cholesky().covariance(i - 1, j - 1));
-        EXPECT_LT((incremental.covariance(i, j) - expected).norm(), 1e-5 * (1e-9 + expected.norm())) << i << ", " << j << " of " << n;
+        const SE2::Adjoint expected =
+            i == 0 ? SE2::Adjoint::Zero() : SE2::Adjoint(batch.cholesky().covariance(i - 1, j - 1));
+        EXPECT_LT((incremental.covariance(i, j) - expected).norm(), 1e-5 * (1e-9 + expected.norm()))
+            << i << ", " << j << " of " << n;
       }
     }
   }
@@ -178,7 +183,9 @@ TEST(IncrementalPoseGraph, RecoversFromAFactorThatIsNone) {
   for (std::size_t k = 1; k < factors.size(); ++k) {
     auto now = factors[k];
     if (k == 60) {  // a pose of which nothing says its angle, and a loop so that it enters the tree
-      for (auto& f : now) f.information(2, 2) = f.information(0, 2) = f.information(2, 0) = f.information(1, 2) = f.information(2, 1) = 0.0;
+      for (auto& f : now)
+        f.information(2, 2) = f.information(0, 2) = f.information(2, 0) = f.information(1, 2) = f.information(2, 1) =
+            0.0;
       PoseFactor<SE2> again = now[0];
       now.push_back(again);
     }
@@ -212,7 +219,9 @@ TEST(IncrementalPoseGraph, SameOrderSameBits) {
 
 TEST(IncrementalPoseGraph, M3500EndsAtTheExactCost) {
   const auto path = test::pose_graph_file("input_M3500_g2o.g2o");
-  if (!path) GTEST_SKIP() << "no pose_graphs/single/input_M3500_g2o.g2o; set CONVOY_DATA_DIR to the folder that holds pose_graphs";
+  if (!path)
+    GTEST_SKIP()
+        << "no pose_graphs/single/input_M3500_g2o.g2o; set CONVOY_DATA_DIR to the folder that holds pose_graphs";
   const PoseGraph<SE2> graph = pose_graph_se2(read_g2o(*path));
   const auto factors = by_newest(graph);
   IncrementalParams params;

@@ -24,7 +24,8 @@ TEST_P(Residuals, JacobianAgreesWithNumeric) {
     constexpr double h = 1e-6;
     for (int c = 0; c < 3; ++c) {
       const SE2::Tangent d = h * SE2::Tangent::Unit(c);
-      const SE2::Tangent numeric = (pose_residual(GetParam(), E * SE2::Exp(d)) - pose_residual(GetParam(), E * SE2::Exp(-d))) / (2.0 * h);
+      const SE2::Tangent numeric =
+          (pose_residual(GetParam(), E * SE2::Exp(d)) - pose_residual(GetParam(), E * SE2::Exp(-d))) / (2.0 * h);
       EXPECT_LT((J.col(c) - numeric).norm(), 1e-6);
     }
   }
@@ -34,11 +35,13 @@ TEST_P(Residuals, JacobianAgreesWithNumeric) {
 TEST_P(Residuals, FactorAgreesWithNumeric) {
   const auto drive = random_drive(3, 60);
   for (const PoseFactor<SE2>& f : drive.graph.factors) {
-    const SE2 a = drive.graph.poses[static_cast<std::size_t>(f.from)], b = drive.graph.poses[static_cast<std::size_t>(f.to)];
+    const SE2 a = drive.graph.poses[static_cast<std::size_t>(f.from)],
+              b = drive.graph.poses[static_cast<std::size_t>(f.to)];
     LinearPoseFactor<SE2> linear;
     linear.linearise(GetParam(), f, a, b);
     const auto residual = [&](const Eigen::Matrix<double, 6, 1>& d) {
-      return pose_residual(GetParam(), f.measured.inverse() * ((a * SE2::Exp(d.head<3>())).inverse() * (b * SE2::Exp(d.tail<3>()))));
+      return pose_residual(
+          GetParam(), f.measured.inverse() * ((a * SE2::Exp(d.head<3>())).inverse() * (b * SE2::Exp(d.tail<3>()))));
     };
     Eigen::Matrix<double, 3, 6> J;
     constexpr double h = 1e-6;
@@ -67,8 +70,8 @@ TEST_P(Residuals, OptimumHasNoGradient) {
   const PoseGraphReport report = solver.optimise();
   ASSERT_TRUE(report.converged);
   EXPECT_LT(report.final_cost, report.initial_cost);
-  // About chi-square distributed with 3 (factors - poses + 1) degrees of freedom; the information has a small correlation
-  // that the noise has not.
+  // About chi-square distributed with 3 (factors - poses + 1) degrees of freedom; the information has a small
+  // correlation that the noise has not.
   const double dof = 3.0 * static_cast<double>(drive.graph.factors.size() - drive.graph.poses.size() + 1);
   EXPECT_NEAR(2.0 * report.final_cost / dof, 1.0, 0.4);
   std::vector<SE2> poses = solver.poses();
@@ -98,7 +101,8 @@ TEST(PoseGraph, MarginalsAreTheInverseOfTheHessian) {
   Eigen::MatrixXd H = Eigen::MatrixXd::Zero(n, n);
   LinearPoseFactor<SE2> linear;
   for (const auto& f : drive.graph.factors) {
-    linear.linearise(PoseResidual::log, f, solver.poses()[static_cast<std::size_t>(f.from)], solver.poses()[static_cast<std::size_t>(f.to)]);
+    linear.linearise(PoseResidual::log, f, solver.poses()[static_cast<std::size_t>(f.from)],
+                     solver.poses()[static_cast<std::size_t>(f.to)]);
     const Eigen::Index a = 3 * (f.from - 1), b = 3 * (f.to - 1);
     if (a >= 0) H.block<3, 3>(a, a) += linear.H_from;
     if (b >= 0) H.block<3, 3>(b, b) += linear.H_to;
@@ -181,7 +185,9 @@ TEST(PoseGraph, RelaxedPosesOfASingularSystemAreThoseGiven) {
 // From the chain, LM ends far above (Ceres: LM 1694.6, dogleg 123.06).
 TEST(PoseGraph, IntelConvergesFromTheRelaxation) {
   const auto path = test::pose_graph_file("input_INTEL_g2o.g2o");
-  if (!path) GTEST_SKIP() << "no pose_graphs/single/input_INTEL_g2o.g2o; set CONVOY_DATA_DIR to the folder that holds pose_graphs";
+  if (!path)
+    GTEST_SKIP()
+        << "no pose_graphs/single/input_INTEL_g2o.g2o; set CONVOY_DATA_DIR to the folder that holds pose_graphs";
   PoseGraph<SE2> graph = pose_graph_se2(read_g2o(*path));
   graph.poses = composed_poses(graph);
   graph.poses = relaxed_poses(graph);
@@ -202,7 +208,9 @@ class PublicGraphs : public testing::TestWithParam<Published> {};
 
 TEST_P(PublicGraphs, ConvergeFromTheChainAndFromTheRelaxation) {
   const auto path = test::pose_graph_file(GetParam().file);
-  if (!path) GTEST_SKIP() << "no pose_graphs/single/" << GetParam().file << "; set CONVOY_DATA_DIR to the folder that holds pose_graphs";
+  if (!path)
+    GTEST_SKIP() << "no pose_graphs/single/" << GetParam().file
+                 << "; set CONVOY_DATA_DIR to the folder that holds pose_graphs";
   PoseGraph<SE2> graph = pose_graph_se2(read_g2o(*path));
   graph.poses = composed_poses(graph);
   for (const bool relaxed : {false, true}) {
@@ -225,7 +233,9 @@ INSTANTIATE_TEST_SUITE_P(Single, PublicGraphs,
                                          Published{"kitti_06.g2o", 12.97354256, 12.97348366},
                                          Published{"kitti_07.g2o", 6.33051813, 6.330518037},
                                          Published{"kitti_09.g2o", 17.19141398, 17.19139353}),
-                         [](const auto& i) { return std::string(i.param.file).substr(0, std::string(i.param.file).find('.')); });
+                         [](const auto& i) {
+                           return std::string(i.param.file).substr(0, std::string(i.param.file).find('.'));
+                         });
 
 }  // namespace
 }  // namespace convoy

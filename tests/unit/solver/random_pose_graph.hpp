@@ -33,7 +33,8 @@ inline RandomDrive random_drive(unsigned seed, int n, double sigma_m = 0.05, dou
     drive.truth.push_back(T);
     if (k > 0) link(k - 1, k);
     for (int o = 0; o < k - 5; ++o)
-      if ((drive.truth[static_cast<std::size_t>(o)].translation() - T.translation()).norm() < 1.5 && random() % 4 == 0) {
+      if ((drive.truth[static_cast<std::size_t>(o)].translation() - T.translation()).norm() < 1.5 &&
+          random() % 4 == 0) {
         if (random() % 2) link(o, k);
         else link(k, o);
       }
