@@ -11,6 +11,7 @@
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
 #include "report/report.hpp"
+#include "solve.hpp"
 #include "vehicle_process.hpp"
 
 int main(int argc, char** argv) {
@@ -64,6 +65,15 @@ int main(int argc, char** argv) {
     cli::write_report(run, evaluation);
     std::printf("%s\n", cli::headline(run, evaluation.metrics).c_str());
   });
+
+  cli::SolveOptions solve;
+  auto* solve_command = app.add_subcommand("solve", "Solve a pose graph: solve.json and solved.g2o");
+  solve_command->add_option("graph", solve.graph, "g2o file")->required();
+  solve_command->add_option("--out", solve.out, "folder for the results")->required();
+  solve_command->add_flag("--incremental", solve.incremental, "vertices one after the other, in the order of their ids");
+  solve_command->add_option("--residual", solve.residual, "g2o (R^T dt, dtheta) or log (group logarithm; default: g2o)")
+      ->check(CLI::IsMember({"g2o", "log"}));
+  solve_command->callback([&] { status = cli::run_solve(solve); });
 
   try {
     app.parse(argc, argv);

@@ -1,0 +1,154 @@
+#include "solve.hpp"
+
+#include <sys/resource.h>
+#include <convoy/config_error.hpp>
+#include <convoy/solver/g2o.hpp>
+#include <convoy/solver/incremental_pose_graph.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+/// Speaks after two seconds, then every other second.
+class Progress {
+ public:
+  template <class... Values>
+  void say(const char* format, Values... values) {
+    const double now_s = seconds_since(start_);
+    if (now_s < next_s_) return;
+    next_s_ = now_s + 2.0;
+    std::printf("%6.1f s  ", now_s);
+    std::printf(format, values...);
+    std::printf("\n");
+    std::fflush(stdout);
+  }
+
+ private:
+  Clock::time_point start_ = Clock::now();
+  double next_s_ = 2.0;
+};
+
+double peak_mb() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_maxrss) / 1024.0;  // Linux counts kilobytes
+}
+
+/// The p-quantile (nearest rank) of sorted values; 0 of none.
+double quantile(const std::vector<double>& sorted, double p) {
+  if (sorted.empty()) return 0.0;
+  const double rank = std::ceil(p * static_cast<double>(sorted.size()));
+  return sorted[static_cast<std::size_t>(std::max(0.0, rank - 1.0))];
+}
+
+struct Solution {
+  std::vector<SE2> poses;
+  PoseGraphReport report;
+  std::vector<double> update_ms;  ///< sorted
+};
+
+Solution solve_batch(PoseGraph<SE2> graph, const PoseGraphParams& params) {
+  Progress progress;
+  graph.poses = relaxed_poses(graph);
+  PoseGraphSolver<SE2> solver(std::move(graph), params);
+  Solution solution;
+  solution.report = solver.optimise(
+      [&](const PoseGraphReport& r) { progress.say("iteration %d, cost %.6g", r.iterations, r.final_cost); });
+  solution.poses = solver.poses();
+  return solution;
+}
+
+Solution solve_incrementally(const PoseGraph<SE2>& graph, const G2oFile& file, const SolveOptions& options,
+                             const PoseGraphParams& params) {
+  std::vector<std::vector<PoseFactor<SE2>>> factors_of(graph.poses.size());
+  for (const PoseFactor<SE2>& f : graph.factors)
+    factors_of[static_cast<std::size_t>(std::max(f.from, f.to))].push_back(f);
+  IncrementalParams incremental;
+  incremental.residual = params.residual;
+  IncrementalPoseGraph<SE2> solver(graph.poses.front(), incremental);
+  Progress progress;
+  Solution solution;
+  for (std::size_t k = 1; k < graph.poses.size(); ++k) {
+    const Clock::time_point start = Clock::now();
+    if (!solver.add(factors_of[k]))
+      throw ConfigError(options.graph.string() + ": vertex " + std::to_string(file.vertices[k].id) +
+                        " has no edge to a vertex with a smaller id; number the vertices along the drive, or leave out "
+                        "--incremental");
+    solution.update_ms.push_back(1e3 * seconds_since(start));
+    progress.say("vertex %zu of %zu", k + 1, graph.poses.size());
+  }
+  solution.report = solver.finish();
+  solution.poses = solver.poses();
+  std::sort(solution.update_ms.begin(), solution.update_ms.end());
+  return solution;
+}
+
+PoseResidual residual_named(const std::string& name) {
+  if (name == "g2o") return PoseResidual::g2o;
+  if (name == "log") return PoseResidual::log;
+  throw ConfigError("--residual " + name + " is not known; give g2o or log");
+}
+
+}  // namespace
+
+SolveSummary solve_graph(const SolveOptions& options) {
+  PoseGraphParams params;
+  params.residual = residual_named(options.residual);
+  const G2oFile file = read_g2o(options.graph);
+  if (file.dim != 2)
+    throw ConfigError(options.graph.string() +
+                      ": a 3-D graph (SE3:QUAT); solving in 3-D is not built yet, give a 2-D graph (SE2)");
+  PoseGraph<SE2> graph = pose_graph_se2(file);
+  const Clock::time_point start = Clock::now();
+  graph.poses = composed_poses(graph);
+  Solution solution =
+      options.incremental ? solve_incrementally(graph, file, options, params) : solve_batch(graph, params);
+  SolveSummary summary{graph.poses.size(), graph.factors.size(), solution.report, seconds_since(start)};
+  summary.report.initial_cost = pose_graph_cost(params.residual, graph.factors, graph.poses);
+
+  nlohmann::ordered_json json{{"dim", file.dim},
+                              {"nodes", summary.nodes},
+                              {"factors", summary.factors},
+                              {"residual", options.residual},
+                              {"initial_cost", summary.report.initial_cost},
+                              {"final_cost", summary.report.final_cost},
+                              {"iterations", summary.report.iterations},
+                              {"converged", summary.report.converged},
+                              {"seconds", summary.seconds}};
+  const auto update = [&](const char* key, double p) {
+    if (options.incremental) json[key] = quantile(solution.update_ms, p);
+    else json[key] = nullptr;
+  };
+  update("update_ms_p50", 0.5);
+  update("update_ms_p99", 0.99);
+  update("update_ms_max", 1.0);
+  json["peak_mb"] = peak_mb();
+  write_text_file(options.out / "solved.g2o", g2o_text(file, solution.poses));
+  write_text_file(options.out / "solve.json", json.dump(2) + "\n");
+  return summary;
+}
+
+int run_solve(const SolveOptions& options) {
+  const SolveSummary summary = solve_graph(options);
+  std::printf("%zu nodes, %zu factors: cost %.10g -> %.10g, %d iterations, %.3f s; %s\n", summary.nodes,
+              summary.factors, summary.report.initial_cost, summary.report.final_cost, summary.report.iterations,
+              summary.seconds, (options.out / "solve.json").c_str());
+  if (summary.report.converged) return 0;
+  std::printf(
+      "did not converge: the start found from the edges is too far from the solution, or the edges contradict each "
+      "other\n");
+  return 1;
+}
+
+}  // namespace convoy::cli
