@@ -22,7 +22,9 @@ struct DemoOptions {
   bool restart_lost = false;             ///< start a vehicle whose process died again, once
   double settle_timeout_s = 60.0;        ///< wall time the fleet gets to agree after its sensors have ended
   std::optional<std::uint32_t> domain;   ///< DDS domain; default: by process id, one where no other fleet is heard
-  Epoch first_epoch = 0;                 ///< of every vehicle, so that a run can be repeated to the bit; 0: by the clock
+  /// Of every vehicle. The same each time, so that two runs can be compared to the bit: a demo keeps off other fleets'
+  /// domains, so it needs no epoch of its own. 0: by the clock, as `convoy vehicle` does.
+  Epoch first_epoch = 1;
   std::filesystem::path profile;         ///< XML profile; default: the loopback profile that comes with convoy
 };
 

@@ -35,7 +35,7 @@ int main(int argc, char** argv) {
   demo_command->add_flag("--restart-lost", demo.restart_lost, "start a vehicle whose process died again, once");
   demo_command->add_option("--settle-timeout", demo.settle_timeout_s, "seconds to agree after the sensors end (default: 60)");
   demo_command->add_option("--domain", demo.domain, "DDS domain 0..232 (default: a free one)")->check(CLI::Range(0, 232));
-  demo_command->add_option("--first-epoch", demo.first_epoch, "repeat a run to the bit: epoch of all (default: by the clock)");
+  demo_command->add_option("--first-epoch", demo.first_epoch, "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock");
   demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")->check(CLI::ExistingFile);
   demo_command->callback([&] {
     if (!dataset.empty()) {

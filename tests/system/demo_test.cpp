@@ -68,8 +68,8 @@ TEST(Demo, TwoVehiclesOnTheStreetShareOneConsistentMap) {
 
 TEST(Demo, LossDuplicatesAndReorderingEndInTheSameMap) {
   const ScratchFolder scratch;
-  const Outcome plain = run_convoy("demo --rate 20 --seed 2 --first-epoch 1 --out " + (scratch / "plain").string());
-  const Outcome impaired = run_convoy("demo --rate 20 --seed 2 --first-epoch 1 --impair loss=0.3,duplicate=0.3,delay=0.2,jitter=2,seed=5 --out " +
+  const Outcome plain = run_convoy("demo --rate 20 --seed 2 --out " + (scratch / "plain").string());
+  const Outcome impaired = run_convoy("demo --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=0.2,jitter=2,seed=5 --out " +
                                       (scratch / "impaired").string());
   ASSERT_EQ(plain.status, 0) << plain.output;
   ASSERT_EQ(impaired.status, 0) << impaired.output;
@@ -148,7 +148,7 @@ TEST(Demo, FiveRealRobotsWithHiddenIdentities) {
   const auto data = data_folder();
   if (!data) GTEST_SKIP() << "no recorded data; set CONVOY_DATA_DIR to a folder that holds utias_mrclam/ds6";
   const ScratchFolder scratch;
-  const std::string dataset = "--first-epoch 1 --dataset mrclam " + (*data / "utias_mrclam/ds6").string();
+  const std::string dataset = "--dataset mrclam " + (*data / "utias_mrclam/ds6").string();
   const Outcome plain = run_convoy("demo " + dataset + " --rate 30 --out " + (scratch / "plain").string());
   ASSERT_EQ(plain.status, 0) << plain.output;
   const json metrics = read_json(scratch / "plain/metrics.json");
