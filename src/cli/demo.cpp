@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <csignal>
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -100,6 +101,8 @@ struct Member {
   bool impersonated = false;
 };
 
+volatile std::sig_atomic_t interrupted = 0;
+
 class Demo {
  public:
   explicit Demo(const DemoOptions& options) : options_(options) {
@@ -121,6 +124,8 @@ class Demo {
     write_configs();
     std::printf("[2/4] driving: one process per vehicle, DDS domain %u on 127.0.0.1, run folder %s\n", domain_,
                 options_.out.c_str());
+    std::signal(SIGINT, [](int) { interrupted = 1; });
+    std::signal(SIGTERM, [](int) { interrupted = 1; });
     for (Member& member : members_) start(member);
     const double began_s = unix_now_s();
     drive();
@@ -206,6 +211,12 @@ class Demo {
   void drive() {
     double agreed_since_s = 0.0, exhausted_since_s = 0.0, next_progress_s = 0.0;
     while (true) {
+      if (interrupted) {
+        settled_ = false;
+        std::printf("\n      interrupted at %.0f s after the start; stopping the vehicles and judging what there is\n",
+                    unix_now_s() - start_unix_s_);
+        break;
+      }
       for (Member& member : members_) watch(member);
       const double now_s = unix_now_s();
       if (now_s >= next_progress_s) {
@@ -322,6 +333,7 @@ class Demo {
     run["common_frame_vehicle"] = scenario_.common_frame_vehicle;
     run["wall_s"] = wall_s;
     run["vehicle_s"] = scenario_.duration_s;
+    run["interrupted"] = interrupted != 0;
     run["lost_vehicles"] = lost;
     write_text_file(options_.out / "run.json", run.dump(1) + "\n");
   }

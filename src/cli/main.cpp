@@ -29,7 +29,7 @@ int main(int argc, char** argv) {
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
   demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam")->expected(2);
   demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)");
-  demo_command->add_option("--rate", demo.rate, "vehicle seconds per second (default: 10)")->check(CLI::PositiveNumber);
+  demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")->check(CLI::Range(0.01, 1000.0));
   demo_command->add_option("--impair", demo.impair, "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
   demo_command->add_flag("--restart-lost", demo.restart_lost, "start a vehicle whose process died again, once");
@@ -46,14 +46,15 @@ int main(int argc, char** argv) {
   });
 
   std::string config;
-  bool until_end = false;
-  double status_period_s = 0.25;
+  cli::VehicleRunOptions vehicle;
   auto* vehicle_command = app.add_subcommand("vehicle", "Run one vehicle until SIGINT or SIGTERM");
   vehicle_command->add_option("config", config, "its XML configuration")->required();
-  vehicle_command->add_flag("--until-end", until_end, "end when the sensor log has ended and all facts are settled");
-  vehicle_command->add_option("--status-period", status_period_s, "seconds between status lines (default: 0.25)")
+  vehicle_command->add_flag("--until-end", vehicle.until_end, "end when the sensor log has ended and all facts are settled");
+  vehicle_command->add_option("--status-period", vehicle.status_period_s, "seconds between status lines (default: 0.25)")
       ->check(CLI::PositiveNumber);
-  vehicle_command->callback([&] { status = cli::run_vehicle(load_vehicle_config(config), until_end, status_period_s); });
+  vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
+  vehicle_command->add_option("--out", vehicle.out, "folder for what it writes (default: the configuration's)");
+  vehicle_command->callback([&] { status = cli::run_vehicle(load_vehicle_config(config), vehicle); });
 
   std::string run_folder;
   auto* evaluate_command = app.add_subcommand("evaluate", "Judge a run folder again: metrics.json and report.html");

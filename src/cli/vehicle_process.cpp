@@ -62,7 +62,7 @@ void print_status(double t_s, bool exhausted, const VehicleSnapshot<SE2>& snapsh
 
 }  // namespace
 
-int run_vehicle(const VehicleConfig& config, bool until_end, double status_period_s) {
+int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGPIPE, SIG_IGN);
@@ -72,10 +72,16 @@ int run_vehicle(const VehicleConfig& config, bool until_end, double status_perio
   const std::vector<SensorEvent> events = read_sensors(config.sensors.file);
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
+  if (options.now) config.sensors.start_unix_s = 0.0;
+  if (!options.out.empty()) config.output_folder = options.out;
+  const bool starts_now = config.sensors.start_unix_s == 0.0;
+  const double start_s = starts_now ? unix_now_s() : config.sensors.start_unix_s;
+  const auto clock = [&] { return (unix_now_s() - start_s) * config.sensors.rate; };
+  if (clock() > events.back().t_s)
+    throw ConfigError(config.file.string() + ": the sensor log ended before this start (start_unix_s lies in the past); " +
+                      "give --now to drive it from its beginning, and --out FOLDER to keep what an earlier run left");
   VehicleOutput output(config.output_folder);
   RangeBearingEkf slam(config.front_end);
-  const double start_s = config.sensors.start_unix_s > 0.0 ? config.sensors.start_unix_s : unix_now_s();
-  const auto clock = [&] { return (unix_now_s() - start_s) * config.sensors.rate; };
   Vehicle<SE2> vehicle(config.vehicle, slam, [&] { return open_exchange(config); }, clock);
   Epoch epoch = 0;
   vehicle.on_export([&](std::uint32_t index, std::uint64_t track) { output.write_label(epoch, index, track); });
@@ -84,10 +90,19 @@ int run_vehicle(const VehicleConfig& config, bool until_end, double status_perio
   spdlog::info("vehicle {} epoch {} on domain {}, {} sensor readings from {}", config.vehicle.id, epoch,
                config.dds.domain, events.size(), config.sensors.file.string());
   vehicle.activate();
+  bool warned = false;
+  const auto warn_once = [&](const VehicleSnapshot<SE2>& snapshot) {
+    for (const auto& state : snapshot.vehicles)
+      if (!warned && state.chain == snapshot.self && (state.reasons & reason_impersonated) != 0) {
+        warned = true;
+        spdlog::warn("somebody else speaks under id {} on domain {}: stop one of the two, or give it another id or domain",
+                     snapshot.self.vehicle, config.dds.domain);
+      }
+  };
 
-  LogReplay replay(events, clock());
+  LogReplay replay(events, starts_now ? events.front().t_s : clock());
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
-  while (!stop_requested && !(until_end && replay.exhausted() && vehicle.snapshot().settled)) {
+  while (!stop_requested && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
     const double now_s = clock();
     replay.feed_until(now_s, vehicle, slam);
     if (now_s >= next_row_s && !replay.exhausted()) {
@@ -96,8 +111,10 @@ int run_vehicle(const VehicleConfig& config, bool until_end, double status_perio
       next_row_s += 1.0 * std::max(1.0, std::ceil(now_s - next_row_s));
     }
     if (const double wall_s = unix_now_s(); wall_s >= next_status_s) {
-      print_status(now_s, replay.exhausted(), vehicle.snapshot());
-      next_status_s = wall_s + status_period_s;
+      const auto snapshot = vehicle.snapshot();
+      print_status(now_s, replay.exhausted(), snapshot);
+      warn_once(snapshot);
+      next_status_s = wall_s + options.status_period_s;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }

@@ -3,10 +3,19 @@
 
 #include <convoy/components/vehicle_config.hpp>
 
+#include <filesystem>
+
 namespace convoy::cli {
 
-/// Runs the vehicle until SIGTERM or SIGINT, or until its sensors end if `until_end`. Prints one JSON status line per
-/// `status_period_s` of wall time on standard output. Returns the exit status. Throws ConfigError.
-int run_vehicle(const VehicleConfig& config, bool until_end, double status_period_s);
+struct VehicleRunOptions {
+  bool until_end = false;         ///< end when the sensor log has ended and all facts are settled
+  bool now = false;               ///< the sensor log begins now, whatever the configuration says
+  std::filesystem::path out;      ///< instead of the configuration's output folder; empty: that one
+  double status_period_s = 0.25;  ///< one JSON status line on standard output per such time [s], > 0
+};
+
+/// Runs the vehicle until SIGTERM or SIGINT, or until its sensors end. Returns the exit status. Throws ConfigError, also when
+/// the whole sensor log lies in the past: nothing is written then.
+int run_vehicle(VehicleConfig config, const VehicleRunOptions& options);
 
 }  // namespace convoy::cli

@@ -1,3 +1,8 @@
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <netinet/in.h>
+
+#include <algorithm>
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/counting_transport.hpp>
 #include <convoy/dds/dds_exchange.hpp>
@@ -255,6 +260,32 @@ rtps::GuidPrefix_t random_prefix() {
   return prefix;
 }
 
+/// The IPv4 addresses of this host.
+std::vector<std::string> host_addresses() {
+  std::vector<std::string> addresses;
+  ifaddrs* list = nullptr;
+  if (getifaddrs(&list) != 0) return addresses;
+  for (const ifaddrs* i = list; i != nullptr; i = i->ifa_next) {
+    if (i->ifa_addr == nullptr || i->ifa_addr->sa_family != AF_INET) continue;
+    char text[INET_ADDRSTRLEN] = {};
+    inet_ntop(AF_INET, &reinterpret_cast<const sockaddr_in*>(i->ifa_addr)->sin_addr, text, sizeof text);
+    addresses.emplace_back(text);
+  }
+  freeifaddrs(list);
+  return addresses;
+}
+
+/// Fast DDS leaves out what is no interface of this host, and is then silent: a vehicle that nobody hears.
+void check_interfaces(const std::string& where, const std::vector<std::string>& whitelist) {
+  const std::vector<std::string> host = host_addresses();
+  for (const std::string& address : whitelist) {
+    if (std::find(host.begin(), host.end(), address) != host.end()) continue;
+    std::string known;
+    for (const std::string& h : host) known += (known.empty() ? "" : ", ") + h;
+    throw ConfigError(where + "interface '" + address + "' is no IPv4 address of this host; it has " + known);
+  }
+}
+
 /// Puts a counter between the participant and each transport of its profile.
 void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config,
                       const std::shared_ptr<WireCounters>& counters) {
@@ -273,6 +304,7 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config,
     if (udp->interfaceWhiteList.empty())
       throw ConfigError(where + "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
                                 "descriptor or in the configuration");
+    check_interfaces(where, udp->interfaceWhiteList);
     descriptor = std::make_shared<CountingTransportDescriptor>(std::move(udp), counters);
   }
 }

@@ -103,6 +103,8 @@ TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
 TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {
   DdsConfig config = config_of_this_test();
   config.profile_file = CONVOY_QOS_PROFILES "/lan.xml";
+  config.interface_whitelist = {"192.0.2.7"};  // a documentation address: nobody's
+  EXPECT_THAT(refusal(config), HasSubstr("'192.0.2.7' is no IPv4 address of this host; it has 127.0.0.1"));
   config.interface_whitelist = {"127.0.0.1"};
   DdsExchange<SE2> a(config), b(config);
   EXPECT_TRUE(all_connected({&a, &b}));

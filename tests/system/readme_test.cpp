@@ -20,6 +20,15 @@ std::vector<std::string> shell_lines(const std::filesystem::path& file) {
   return lines;
 }
 
+// Four poses around a square, and back.
+std::filesystem::path square_graph(const ScratchFolder& scratch) {
+  const std::filesystem::path file = scratch / "square.g2o";
+  std::ofstream out(file);
+  for (int k = 0; k < 4; ++k) out << "VERTEX_SE2 " << k << " 0 0 0\n";
+  for (int k = 0; k < 4; ++k) out << "EDGE_SE2 " << k << " " << (k + 1) % 4 << " 1 0 1.5708 100 0 0 100 0 100\n";
+  return file;
+}
+
 TEST(Readme, EveryCommandRuns) {
   const std::filesystem::path source(CONVOY_SOURCE_FOLDER);
   const auto lines = shell_lines(source / "README.md");
@@ -41,6 +50,7 @@ TEST(Readme, EveryCommandRuns) {
       if (!data) continue;
       line.replace(at, 13, (*data / "utias_mrclam/ds6").string());
     }
+    if (const auto at = line.find("GRAPH.g2o"); at != std::string::npos) line.replace(at, 9, square_graph(scratch).string());
     const Outcome outcome = run_shell("cd " + scratch.path().string() + " && " + CONVOY_PROGRAM + line.substr(6));
     EXPECT_EQ(outcome.status, 0) << line << "\n" << outcome.output;
     ++ran;

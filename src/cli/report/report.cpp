@@ -189,6 +189,24 @@ std::string count_false(const json& count) {
   return (count == json(0) ? "none is" : show(count, 0) + (count == json(1) ? " is" : " are")) + " false";
 }
 
+/// What the distances between vehicles are known to, once both have settled; only for the pairs that came so far.
+std::string of_distances(const json& pairs) {
+  const json distance = worst(pairs, "distance_rmse_settled_m");
+  if (!distance.is_number()) return "";
+  json raw;
+  std::size_t judged = 0;
+  for (const json& pair : pairs)
+    if (pair.at("distance_rmse_settled_m").is_number()) {
+      ++judged;
+      if (pair.at("distance_rmse_settled_m") == distance) raw = pair.at("distance_rmse_raw_after_m");
+    }
+  const std::string which = judged == pairs.size() ? "the distance between any two"
+                                                   : "the distance of " + std::to_string(judged) + " of " +
+                                                         std::to_string(pairs.size()) + " pairs";
+  return ": from ten seconds after their association on, " + which + " is known to " + show(distance, 2, "m") +
+         " RMSE or better" + (raw.is_number() ? " (SLAM alone in the same time: " + show(raw, 1, "m") + ")" : "");
+}
+
 std::string sentence_case(std::string text) {
   if (!text.empty() && text[0] >= 'a' && text[0] <= 'z') text[0] = static_cast<char>(text[0] - 'a' + 'A');
   return text;
@@ -215,17 +233,16 @@ std::string outcome(const RunRecord& run, const json& m) {
 
 std::string headline(const RunRecord& run, const json& m) {
   std::string text = outcome(run, m);
-  const json distance = worst(m.at("pairs"), "distance_rmse_m");
-  if (distance.is_number()) {
-    text += ": the distance between any two is known to " + show(distance, 2, "m") + " RMSE after their association";
-    const json raw = worst(m.at("pairs"), "distance_rmse_raw_m");
-    if (raw.is_number()) text += " (SLAM alone: " + show(raw, 1, "m") + ")";
+  if (const std::string distances = of_distances(m.at("pairs")); !distances.empty()) {
+    text += distances;
   } else if (m.at("landmark_rmse_m").is_number()) {
     text += ": its landmarks are " + show(m.at("landmark_rmse_m"), 2, "m") + " RMSE from the truth";
   }
   text += ".";
   const json& a = m.at("associations");
   const json& false_pairings = a.at("false");
+  if (false_pairings.is_number() && a.at("unjudged") != json(0))
+    text += " " + show(a.at("unjudged"), 0) + " landmark pairings could not be judged, for nothing says what their landmarks are.";
   if (false_pairings.is_number())
     text += " Of " + show(a.at("between_vehicles"), 0) + " landmark pairings between vehicles " +
             count_false(a.at("between_vehicles_false")) +
