@@ -2,11 +2,11 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/global_map.hpp>
-#include <convoy/submap/content_hash.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <set>
 #include <utility>
 #include <vector>
@@ -25,6 +25,15 @@ double contradiction(const Map<G>& map, const Hypothesis<G>& h) {
   };
   const G T_a_b = pose_of(h.batch_a).inverse() * pose_of(h.batch_b);
   return squared_mahalanobis((h.alignment.T_a_b.inverse() * T_a_b).Log(), h.alignment.covariance());
+}
+
+// Of each hypothesis; zero of those that are not accepted.
+template <class G>
+std::vector<double> contradictions_of(const Map<G>& map, const Selection<G>& selection) {
+  std::vector<double> contradictions;
+  for (const Hypothesis<G>& h : selection.hypotheses)
+    contradictions.push_back(h.state == HypothesisState::accepted ? contradiction(map, h) : 0.0);
+  return contradictions;
 }
 
 // What one landmark says of the point of its class, common frame, information form.
@@ -185,14 +194,16 @@ class MisfitSearch {
   std::set<Key> misfits_;
 };
 
-// Of all that a problem has beyond the facts and the classes. Equal, with the same classes: the same problem.
+// True if `after`, which does without one hypothesis more, amounts to the problem that `before` did: the same classes, and
+// chains placed by the same hypotheses. Its solution is then the same, to the bit.
 template <class G>
-Hash start_digest(const Problem<G>& problem) {
-  ContentHash hash;
-  for (const ChainSpan& span : problem.chains) hash.add(span.aligned ? 1U : 0U, 1);
-  for (const Node<G>& node : problem.nodes) add_group(hash, node.initial);
-  for (const PriorFactor<G>& prior : problem.priors) hash.add(static_cast<std::uint64_t>(prior.node), 4);
-  return hash.value();
+bool same_problem(const Selection<G>& before, const Selection<G>& after, Hash dropped, const Problem<G>& problem) {
+  const auto same_state = [&](const Hypothesis<G>& x, const Hypothesis<G>& y) {
+    return x.id == dropped || x.state == y.state;
+  };
+  return before.digest == after.digest && !problem.placed_by.count(dropped) &&
+         std::equal(before.hypotheses.begin(), before.hypotheses.end(), after.hypotheses.begin(),
+                    after.hypotheses.end(), same_state);
 }
 
 }  // namespace
@@ -203,25 +214,27 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
   Exclusions excluded;
   GlobalMap<G> result;
   result.facts = store.digest();
-  Hash start = 0;
+  std::optional<Hash> dropped;  // in the round before
+  std::vector<double> contradictions;
   while (true) {
-    const Hash classes_before = result.selection.digest, start_before = start;
-    result.selection = selector_.select(store, excluded);
-    Problem<G> problem = build_problem(store, result.selection, params_.reference);
-    start = start_digest(problem);
-    const bool solved = result.map && result.selection.digest == classes_before && start == start_before;
-    if (!solved) result.map = backend_.solve(std::move(problem));
+    Selection<G> selection = selector_.select(store, excluded);
+    const bool solved = dropped && same_problem(result.selection, selection, *dropped, result.map->problem());
+    result.selection = std::move(selection);
+    if (!solved) {
+      result.map = backend_.solve(build_problem(store, result.selection, params_.reference));
+      contradictions = contradictions_of(*result.map, result.selection);
+    }
     const Hypothesis<G>* worst = nullptr;
     double worst_contradiction = limit;
-    for (const Hypothesis<G>& h : result.selection.hypotheses) {
-      if (h.state != HypothesisState::accepted) continue;
-      const double c = contradiction(*result.map, h);
-      if (c > worst_contradiction) {
-        worst = &h;
-        worst_contradiction = c;
-      }
+    for (std::size_t k = 0; k < contradictions.size(); ++k) {
+      const Hypothesis<G>& h = result.selection.hypotheses[k];
+      if (h.state != HypothesisState::accepted || !(contradictions[k] > worst_contradiction)) continue;
+      worst = &h;
+      worst_contradiction = contradictions[k];
     }
+    dropped.reset();
     if (worst != nullptr) {
+      dropped = worst->id;
       excluded.hypotheses.insert(worst->id);
       continue;
     }

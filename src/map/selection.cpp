@@ -10,20 +10,22 @@
 namespace convoy {
 namespace {
 
-// Union-find over landmarks, by number, that refuses to put two landmarks of one batch into one class (DESIGN R4).
+// Union-find over landmarks, by number, that refuses to put two landmarks of one batch into one class (DESIGN R4). The
+// members of a class are a ring: exchanging the successors of a member of each joins two rings, and parts them again.
 class Classes {
  public:
-  explicit Classes(const std::vector<int>& batch_of) : batch_of_(batch_of), parent_(batch_of.size()), members_(batch_of.size()) {
+  explicit Classes(const std::vector<int>& batch_of)
+      : batch_of_(batch_of), parent_(batch_of.size()), next_(batch_of.size()), size_(batch_of.size(), 1) {
     std::iota(parent_.begin(), parent_.end(), 0);
-    for (std::size_t l = 0; l < members_.size(); ++l) members_[l] = {static_cast<int>(l)};
+    std::iota(next_.begin(), next_.end(), 0);
   }
 
-  // Joins all pairs, or none of them.
+  // Joins all pairings, or none of them.
   bool join(const std::vector<std::pair<int, int>>& pairs) {
-    done_.clear();
+    merged_.clear();
     for (const auto& [a, b] : pairs)
       if (!merge(root(a), root(b))) {
-        while (!done_.empty()) undo();
+        while (!merged_.empty()) undo();
         return false;
       }
     return true;
@@ -32,55 +34,64 @@ class Classes {
   // Those of two or more, sorted.
   std::vector<std::vector<Key>> sorted(const std::vector<Key>& landmarks) const {
     std::vector<std::vector<Key>> classes;
-    for (const auto& members : members_) {
-      if (members.size() < 2) continue;
-      classes.emplace_back();
-      for (const int l : members) classes.back().push_back(landmarks[static_cast<std::size_t>(l)]);
-      std::sort(classes.back().begin(), classes.back().end());
+    for (int r = 0; r < static_cast<int>(parent_.size()); ++r) {
+      if (at(parent_, r) != r || at(size_, r) < 2) continue;
+      std::vector<Key>& members = classes.emplace_back();
+      each_member(r, [&](int l) {
+        members.push_back(landmarks[static_cast<std::size_t>(l)]);
+        return true;
+      });
+      std::sort(members.begin(), members.end());
     }
     std::sort(classes.begin(), classes.end());
     return classes;
   }
 
  private:
-  struct Merge {
-    int into, from;
-    std::size_t size_before;
-  };
+  static int at(const std::vector<int>& v, int i) { return v[static_cast<std::size_t>(i)]; }
+  static int& at(std::vector<int>& v, int i) { return v[static_cast<std::size_t>(i)]; }
 
   int root(int l) const {
-    while (parent_[static_cast<std::size_t>(l)] != l) l = parent_[static_cast<std::size_t>(l)];
+    while (at(parent_, l) != l) l = at(parent_, l);
     return l;
   }
-  std::vector<int>& members(int root) { return members_[static_cast<std::size_t>(root)]; }
-  int batch(int l) const { return batch_of_[static_cast<std::size_t>(l)]; }
+
+  // While `visit` returns true; returns whether it always did.
+  template <class Visit>
+  bool each_member(int root, const Visit& visit) const {
+    int l = root;
+    do {
+      if (!visit(l)) return false;
+      l = at(next_, l);
+    } while (l != root);
+    return true;
+  }
 
   bool merge(int into, int from) {
     if (into == from) return true;
-    if (members(into).size() < members(from).size()) std::swap(into, from);
-    for (const int l : members(into))
-      for (const int m : members(from))
-        if (batch(l) == batch(m)) return false;
-    done_.push_back({into, from, members(into).size()});
-    members(into).insert(members(into).end(), members(from).begin(), members(from).end());
-    members(from).clear();
-    parent_[static_cast<std::size_t>(from)] = into;
+    if (at(size_, into) < at(size_, from)) std::swap(into, from);
+    const bool fits = each_member(into, [&](int l) {
+      return each_member(from, [&](int m) { return at(batch_of_, l) != at(batch_of_, m); });
+    });
+    if (!fits) return false;
+    merged_.emplace_back(into, from);
+    std::swap(at(next_, into), at(next_, from));
+    at(parent_, from) = into;
+    at(size_, into) += at(size_, from);
     return true;
   }
 
   void undo() {
-    const auto [into, from, size_before] = done_.back();
-    done_.pop_back();
-    const auto tail = members(into).begin() + static_cast<std::ptrdiff_t>(size_before);
-    members(from).assign(tail, members(into).end());
-    members(into).erase(tail, members(into).end());
-    parent_[static_cast<std::size_t>(from)] = from;
+    const auto [into, from] = merged_.back();
+    merged_.pop_back();
+    std::swap(at(next_, into), at(next_, from));
+    at(parent_, from) = from;
+    at(size_, into) -= at(size_, from);
   }
 
   const std::vector<int>& batch_of_;
-  std::vector<int> parent_;
-  std::vector<std::vector<int>> members_;  // of each root
-  std::vector<Merge> done_;                // by the join() in progress
+  std::vector<int> parent_, next_, size_;
+  std::vector<std::pair<int, int>> merged_;  // (into, from), by the join() in progress
 };
 
 template <class G>

@@ -51,6 +51,7 @@ class NormalEquations {
       : problem_(problem), nodes_(static_cast<int>(problem.nodes.size())), batches_(batch_factors(problem)) {
     for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
     for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
+    for (const BatchFactor<G>& f : batches_) shared_.push_back(shared_errors(f));
     std::vector<int> sizes(problem.nodes.size(), G::Dof);
     sizes.resize(sizes.size() + problem.points.size(), G::Dim);
     BlockPattern pattern(std::move(sizes));
@@ -74,7 +75,7 @@ class NormalEquations {
     double chi2 = 0.0;
     for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses);
     for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses);
-    for (const BatchFactor<G>& batch : batches_) chi2 += landmarks(batch, poses, points);
+    for (std::size_t k = 0; k < batches_.size(); ++k) chi2 += landmarks(k, poses, points);
     return chi2;
   }
 
@@ -95,22 +96,25 @@ class NormalEquations {
       visit(f.b, f.a);
       visit(f.b, f.b);
     }
-    for (const BatchFactor<G>& f : batches_) {
+    for (std::size_t k = 0; k < batches_.size(); ++k) {
+      const BatchFactor<G>& f = batches_[k];
       visit(f.node, f.node);
-      for (std::size_t i = 0; i < f.landmarks.size(); ++i) {
-        visit(point_block(f, i), f.node);
-        each_shared(f, i, [&](std::size_t j) { visit(point_block(f, i), point_block(f, j)); });
-      }
+      for (std::size_t i = 0; i < f.landmarks.size(); ++i) visit(point_block(f, i), f.node);
+      for (const auto& [i, j] : shared_[k]) visit(point_block(f, i), point_block(f, j));
     }
   }
 
-  // Landmarks whose errors are those of landmark i, too; each two of them once, and i itself.
-  template <class Visit>
-  void each_shared(const BatchFactor<G>& f, std::size_t i, const Visit& visit) const {
-    for (std::size_t j = 0; j < f.landmarks.size(); ++j) {
-      const bool once = point_block(f, j) <= point_block(f, i);
-      if (once && (i == j || !information(f, i, j).isZero(0.0))) visit(j);
-    }
+  using Pair = std::pair<std::size_t, std::size_t>;
+
+  // Landmarks of a batch whose errors have to do with each other, each two of them once; each with itself.
+  std::vector<Pair> shared_errors(const BatchFactor<G>& f) const {
+    std::vector<Pair> pairs;
+    for (std::size_t i = 0; i < f.landmarks.size(); ++i)
+      for (std::size_t j = 0; j < f.landmarks.size(); ++j) {
+        const bool once = point_block(f, j) <= point_block(f, i);
+        if (once && (i == j || !information(f, i, j).isZero(0.0))) pairs.emplace_back(i, j);
+      }
+    return pairs;
   }
 
   int point_block(const BatchFactor<G>& f, std::size_t i) const { return nodes_ + f.landmarks[i]->point; }
@@ -146,8 +150,8 @@ class NormalEquations {
     return r.dot(W * r);
   }
 
-  double landmarks(const BatchFactor<G>& f, const std::vector<G>& poses,
-                   const std::vector<typename G::Point>& points) {  // F2
+  double landmarks(std::size_t k, const std::vector<G>& poses, const std::vector<typename G::Point>& points) {  // F2
+    const BatchFactor<G>& f = batches_[k];
     const auto n = static_cast<Eigen::Index>(f.landmarks.size());
     const G& T = poses[static_cast<std::size_t>(f.node)];
     const typename G::PointCovariance J_m = T.rotation().transpose();
@@ -159,24 +163,24 @@ class NormalEquations {
       r.template segment<G::Dim>(G::Dim * i) = one.r;
       J_T.template middleRows<G::Dim>(G::Dim * i) = one.J_T;
     }
-    const Eigen::VectorXd Wr = f.information * r;
-    const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = f.information * J_T;
-    add(Dof(J_T.transpose() * WJ));
+    const Eigen::VectorXd Wr = f.information.lazyProduct(r);  // too small for Eigen's packed kernels
+    const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = f.information.lazyProduct(J_T);
+    add(Dof(J_T.transpose().lazyProduct(WJ)));
     gradient_.segment<G::Dof>(node_row(f.node)) -= J_T.transpose() * Wr;
     for (std::size_t i = 0; i < f.landmarks.size(); ++i) {
       const Eigen::Index row = G::Dim * static_cast<Eigen::Index>(i);
       add(typename G::PointJacobian(J_m.transpose() * WJ.template middleRows<G::Dim>(row)));
       gradient_.segment<G::Dim>(point_row(f.landmarks[i]->point)) -= J_m.transpose() * Wr.template segment<G::Dim>(row);
-      each_shared(f, i, [&](std::size_t j) {
-        add(typename G::PointCovariance(J_m.transpose() * information(f, i, j) * J_m));
-      });
     }
+    for (const auto& [i, j] : shared_[k])
+      add(typename G::PointCovariance(J_m.transpose() * information(f, i, j) * J_m));
     return r.dot(Wr);
   }
 
   const Problem<G>& problem_;
   int nodes_;
   std::vector<BatchFactor<G>> batches_;
+  std::vector<std::vector<Pair>> shared_;  // of each batch
   std::vector<Dof> prior_information_, drift_information_;
   BlockCholesky solver_;
   std::vector<BlockCholesky::Slot> slots_;
