@@ -8,7 +8,9 @@ namespace convoy {
 
 template <class G>
 MapWorker<G>::MapWorker(const SubmapManagerParams& params, std::shared_ptr<const Backend<G>> backend)
-    : backend_(std::move(backend)), replica_(params.limits), builder_(params.selection, *backend_),
+    : backend_(std::move(backend)),
+      replica_(params.limits),
+      builder_(params.selection, *backend_),
       thread_([this] { run(); }) {}
 
 template <class G>

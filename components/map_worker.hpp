@@ -1,6 +1,6 @@
-// MapWorker: builds maps in a thread of its own, from a replica of the facts, so that neither receiving nor the live pose
-// ever waits for a solution. Only new facts are handed over, so that an order takes no longer than what is new; the price
-// is that the facts are held twice.
+// MapWorker: builds maps in a thread of its own, from a replica of the facts, so that neither receiving nor the live
+// pose ever waits for a solution. Only new facts are handed over, so that an order takes no longer than what is new;
+// the price is that the facts are held twice.
 #pragma once
 
 #include <convoy/components/submap_manager.hpp>

@@ -50,13 +50,16 @@ struct Evidence {
   }
 };
 
-// Landmarks that could as well be of another class, or be exchanged, judged by a map that has not heard of their batch: a map
-// of many batches tells neighbours apart that two batches cannot.
+// Landmarks that could as well be of another class, or be exchanged, judged by a map that has not heard of their batch:
+// a map of many batches tells neighbours apart that two batches cannot.
 template <class G>
 class MisfitSearch {
  public:
-  MisfitSearch(const FactStore<G>& store, const Selection<G>& selection, const Map<G>& map, const SelectionParams& params)
-      : params_(params), margin_(chi2_quantile(params.separation, G::Dim)), far_(chi2_quantile(0.9999, G::Dim)),
+  MisfitSearch(const FactStore<G>& store, const Selection<G>& selection, const Map<G>& map,
+               const SelectionParams& params)
+      : params_(params),
+        margin_(chi2_quantile(params.separation, G::Dim)),
+        far_(chi2_quantile(0.9999, G::Dim)),
         evidence_of_(selection.classes.size()) {
     lay_batches(store, selection);
     for (const LandmarkFactor<G>& f : map.problem().landmarks) {
@@ -106,7 +109,8 @@ class MisfitSearch {
       laid.batch = batch_of(store, anchor);
       for (int l = 0; l < static_cast<int>(laid.batch.landmarks.size()); ++l) {
         const auto index = static_cast<int>(at(laid.batch, l).key.index);
-        const auto pair = std::find_if(pairs.begin(), pairs.end(), [&](const IndexPairing& p) { return p.second == index; });
+        const auto pair =
+            std::find_if(pairs.begin(), pairs.end(), [&](const IndexPairing& p) { return p.second == index; });
         if (pair == pairs.end()) laid.unpaired.push_back(l);
         else laid.pairs.emplace_back(pair->first, l);
       }
@@ -129,12 +133,13 @@ class MisfitSearch {
     const auto whole = align(classes_, laid.batch, laid.pairs);
     if (!whole) return;
     const typename G::PointCovariance R = whole->T_a_b.rotation();
-    const auto conceivable = [&](int c, int l) {  // by each landmark's own covariance: the shared part may have hidden it
+    const auto conceivable = [&](int c,
+                                 int l) {  // by each landmark's own covariance: the shared part may have hidden it
       const LandmarkFact<G>&point = at(classes_, c), &landmark = at(laid.batch, l);
       const typename G::Point apart = point.position - whole->T_a_b * landmark.position;
       if (apart.squaredNorm() > reach_squared(point.covariance.trace() + landmark.covariance.trace())) return false;
-      return squared_mahalanobis(apart, typename G::PointCovariance(point.covariance +
-                                                                    R * landmark.covariance * R.transpose())) < far_;
+      return squared_mahalanobis(
+                 apart, typename G::PointCovariance(point.covariance + R * landmark.covariance * R.transpose())) < far_;
     };
     std::set<int> taken;
     for (const auto& [c, l] : laid.pairs) taken.insert(c);
@@ -153,7 +158,8 @@ class MisfitSearch {
       const Key& key = at(laid.batch, p.second).key;
       if (other_class(p)) misfits_.insert(key);
       for (const int l : laid.unpaired)
-        if (!misfits_.count(key) && conceivable(p.first, l) && could_be(laid, {p}, {{p.first, l}})) misfits_.insert(key);
+        if (!misfits_.count(key) && conceivable(p.first, l) && could_be(laid, {p}, {{p.first, l}}))
+          misfits_.insert(key);
       for (const IndexPairing& q : laid.pairs) {
         if (!(p < q && (conceivable(p.first, q.second) || conceivable(q.first, p.second)))) continue;
         if (could_be(laid, {p, q}, {{p.first, q.second}, {q.first, p.second}}))
@@ -162,11 +168,13 @@ class MisfitSearch {
     }
   }
 
-  static const LandmarkFact<G>& at(const Batch<G>& batch, int l) { return batch.landmarks[static_cast<std::size_t>(l)]; }
+  static const LandmarkFact<G>& at(const Batch<G>& batch, int l) {
+    return batch.landmarks[static_cast<std::size_t>(l)];
+  }
   static LandmarkFact<G>& at(Batch<G>& batch, int l) { return batch.landmarks[static_cast<std::size_t>(l)]; }
 
-  // Something else is conceivable. True unless, with the rest of the batch laid onto the map, `pairs` fit well, and clearly
-  // better than `otherwise`.
+  // Something else is conceivable. True unless, with the rest of the batch laid onto the map, `pairs` fit well, and
+  // clearly better than `otherwise`.
   bool could_be(const Laid& laid, const std::vector<IndexPairing>& pairs,
                 const std::vector<IndexPairing>& otherwise) const {
     std::vector<IndexPairing> rest;
@@ -194,8 +202,8 @@ class MisfitSearch {
   std::set<Key> misfits_;
 };
 
-// True if `after`, which does without one hypothesis more, amounts to the problem that `before` did: the same classes, and
-// chains placed by the same hypotheses. Its solution is then the same, to the bit.
+// True if `after`, which does without one hypothesis more, amounts to the problem that `before` did: the same classes,
+// and chains placed by the same hypotheses. Its solution is then the same, to the bit.
 template <class G>
 bool same_problem(const Selection<G>& before, const Selection<G>& after, Hash dropped, const Problem<G>& problem) {
   const auto same_state = [&](const Hypothesis<G>& x, const Hypothesis<G>& y) {
@@ -249,7 +257,7 @@ GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& 
   return MapBuilder<G>(params, backend).build(store);
 }
 
-#define CONVOY_INSTANTIATE(G)  \
+#define CONVOY_INSTANTIATE(G)   \
   template class MapBuilder<G>; \
   template GlobalMap<G> build_global_map(const FactStore<G>&, const SelectionParams&, const Backend<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)

@@ -70,9 +70,8 @@ class Classes {
   bool merge(int into, int from) {
     if (into == from) return true;
     if (at(size_, into) < at(size_, from)) std::swap(into, from);
-    const bool fits = each_member(into, [&](int l) {
-      return each_member(from, [&](int m) { return at(batch_of_, l) != at(batch_of_, m); });
-    });
+    const bool fits = each_member(
+        into, [&](int l) { return each_member(from, [&](int m) { return at(batch_of_, l) != at(batch_of_, m); }); });
     if (!fits) return false;
     merged_.emplace_back(into, from);
     std::swap(at(next_, into), at(next_, from));

@@ -18,7 +18,8 @@ template <class G>
 class ScalarEquations {
  public:
   explicit ScalarEquations(const Problem<G>& problem)
-      : problem_(problem), nodes_(static_cast<int>(problem.nodes.size())),
+      : problem_(problem),
+        nodes_(static_cast<int>(problem.nodes.size())),
         size_(G::Dof * nodes_ + G::Dim * static_cast<Eigen::Index>(problem.points.size())) {
     for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
     for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
@@ -111,7 +112,8 @@ class ScalarEquations {
     gradient_.segment<G::Dof>(node(f.node)) -= J_T.transpose() * Wr;
     const auto point_of = [&](Eigen::Index i) { return point(f.landmarks[static_cast<std::size_t>(i)]->point); };
     for (Eigen::Index i = 0; i < n; ++i) {
-      add_block(point_of(i), node(f.node), typename G::PointJacobian(J_m.transpose() * WJ.template middleRows<G::Dim>(G::Dim * i)));
+      add_block(point_of(i), node(f.node),
+                typename G::PointJacobian(J_m.transpose() * WJ.template middleRows<G::Dim>(G::Dim * i)));
       gradient_.segment<G::Dim>(point_of(i)) -= J_m.transpose() * Wr.template segment<G::Dim>(G::Dim * i);
       for (Eigen::Index j = 0; j < n; ++j) {
         if (point_of(j) > point_of(i)) continue;  // upper triangle

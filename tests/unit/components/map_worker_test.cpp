@@ -66,7 +66,8 @@ class SlowMap : public testing::Test {
     const auto clock = [] {
       return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
     };
-    vehicle_ = std::make_unique<Vehicle<SE2>>(params, front_end_, [this] { return network_.join(); }, clock);
+    vehicle_ = std::make_unique<Vehicle<SE2>>(
+        params, front_end_, [this] { return network_.join(); }, clock);
     vehicle_->use_backend(backend_);
     vehicle_->configure();
     vehicle_->activate();
@@ -82,7 +83,8 @@ class SlowMap : public testing::Test {
       ASSERT_TRUE(front_end_.advance(state));
       std::vector<FrozenLandmark<SE2>> frozen;
       for (std::size_t k = 0; k < landmarks; ++k)
-        frozen.push_back({{1.0 + static_cast<double>(k), 2.0}, 0.01 * Eigen::Matrix2d::Identity(), SE2::Loading::Zero(), {}, k});
+        frozen.push_back(
+            {{1.0 + static_cast<double>(k), 2.0}, 0.01 * Eigen::Matrix2d::Identity(), SE2::Loading::Zero(), {}, k});
       if (landmarks > 0) front_end_.close(frozen);
     }));
   }
@@ -115,7 +117,8 @@ TEST_F(SlowMap, BlocksNeitherReceivingNorTheLivePoseAndEndsWithTheMapOfItsFacts)
     EXPECT_EQ(peer_->send({{9, 1}, prior}), SendStatus::sent);
     EXPECT_EQ(peer_->send({{9, 1}, anchor}), SendStatus::sent);
   });
-  EXPECT_TRUE(eventually([&] { return vehicle_->snapshot().submaps.facts_received == before.submaps.facts_received + 2; }));
+  EXPECT_TRUE(
+      eventually([&] { return vehicle_->snapshot().submaps.facts_received == before.submaps.facts_received + 2; }));
 
   advance(5.0, 0);
   const VehicleSnapshot<SE2> now = vehicle_->snapshot();
