@@ -13,9 +13,9 @@ namespace convoy {
 namespace {
 
 template <class G>
-std::unique_ptr<Backend<G>> make_backend(MapBackend backend) {
-  if (backend == MapBackend::ekf) return std::make_unique<EkfMap<G>>();
-  return std::make_unique<SparseMap<G>>();
+std::shared_ptr<const Backend<G>> make_backend(MapBackend backend) {
+  if (backend == MapBackend::ekf) return std::make_shared<EkfMap<G>>();
+  return std::make_shared<SparseMap<G>>();
 }
 
 template <class G>
@@ -31,11 +31,13 @@ void validate(const ChainId& self, const SubmapManagerParams& p) {
 }  // namespace
 
 template <class G>
-SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params)
+SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params,
+                                std::shared_ptr<const Backend<G>> backend)
     : self_(self), exchange_(exchange), params_(params), store_(params.limits),
-      repair_(self, params.repair, params.seed + 0x9e3779b97f4a7c15U * self.vehicle), backend_(make_backend<G>(params.backend)) {
+      repair_(self, params.repair, params.seed + 0x9e3779b97f4a7c15U * self.vehicle),
+      backend_(backend ? std::move(backend) : make_backend<G>(params.backend)), builder_(params_.selection, *backend_) {
   validate<G>(self, params);
-  map_ = build_global_map(store_, params_.selection, *backend_);
+  map_ = builder_.build(store_);
 }
 
 template <class G>
@@ -45,8 +47,16 @@ void SubmapManager<G>::send(Payload<G> payload) {
 
 template <class G>
 template <class Fact>
+bool SubmapManager<G>::insert(const Fact& fact) {
+  if (store_.insert(fact) != Insertion::inserted) return false;
+  if (orders_given_) news_.emplace_back(fact);
+  return true;
+}
+
+template <class G>
+template <class Fact>
 void SubmapManager<G>::publish(const Fact& fact) {
-  if (store_.insert(fact) == Insertion::inserted) ++counters_.facts_published;
+  counters_.facts_published += insert(fact);
 }
 
 template <class G>
@@ -193,7 +203,7 @@ void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
   }
   repair_.on_fact_seen(kind, fact.key);
   if (own) return;
-  if (store_.insert(fact) == Insertion::inserted) ++counters_.facts_received;
+  counters_.facts_received += insert(fact);
 }
 
 template <class G>
@@ -225,14 +235,46 @@ void SubmapManager<G>::send_digest(double now_s) {
 }
 
 template <class G>
+bool SubmapManager<G>::map_due(double now_s) const {
+  return store_.revision() != ordered_revision_ && now_s >= map_s_ + params_.map_period_s;
+}
+
+template <class G>
 bool SubmapManager<G>::rebuild(double now_s, bool force) {
-  const bool due = store_.revision() != map_revision_ && now_s >= map_s_ + params_.map_period_s;
-  if (!due && !force) return false;
-  map_ = build_global_map(store_, params_.selection, *backend_);
-  map_revision_ = store_.revision();
+  if (!map_due(now_s) && !force) return false;
   map_s_ = now_s;
-  ++counters_.maps_built;
+  ordered_revision_ = store_.revision();
+  adopt({builder_.build(store_), store_.revision()});
   return true;
+}
+
+template <class G>
+std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
+  if (!map_due(now_s)) return std::nullopt;
+  map_s_ = now_s;
+  ordered_revision_ = store_.revision();
+  MapOrder<G> order{std::exchange(news_, {}), store_.revision()};
+  if (orders_given_) return order;
+  orders_given_ = true;
+  const auto add_all = [&](const auto& sequence) {
+    for (const auto& [index, fact] : sequence) order.news.emplace_back(fact);
+  };
+  for (const auto& [id, chain] : store_.chains()) {
+    add_all(chain.anchors);
+    add_all(chain.landmarks);
+    add_all(chain.priors);
+    add_all(chain.associations);
+    add_all(chain.verdicts);
+  }
+  return order;
+}
+
+template <class G>
+GlobalMap<G> SubmapManager<G>::adopt(BuiltMap<G> built) {
+  if (built.revision < map_revision_) return std::move(built.map);
+  map_revision_ = built.revision;
+  ++counters_.maps_built;
+  return std::exchange(map_, std::move(built.map));
 }
 
 template <class G>

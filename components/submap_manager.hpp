@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <variant>
 #include <vector>
 
 namespace convoy {
@@ -54,12 +55,30 @@ struct SubmapManagerCounters {
   std::uint64_t maps_built = 0;
 };
 
+template <class G>
+using AnyFact = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact>;
+
+/// What it takes to build a map elsewhere.
+template <class G>
+struct MapOrder {
+  std::vector<AnyFact<G>> news;  ///< facts that no order before it held
+  std::uint64_t revision = 0;    ///< of the store that held them all
+};
+
+template <class G>
+struct BuiltMap {
+  GlobalMap<G> map;
+  std::uint64_t revision = 0;  ///< of its order
+};
+
 /// Single-threaded, driven by calls that carry time on the vehicle's own clock, not decreasing.
 template <class G>
 class SubmapManager {
  public:
-  /// `self`: this vehicle and an epoch it never used before. Throws ConfigError. `exchange` must outlive it.
-  SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params);
+  /// `self`: this vehicle and an epoch it never used before. Throws ConfigError. `exchange` must outlive it. `backend`:
+  /// instead of the one that the parameters name.
+  SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params,
+                std::shared_ptr<const Backend<G>> backend = nullptr);
 
   const ChainId& self() const { return self_; }
 
@@ -81,6 +100,13 @@ class SubmapManager {
   void step(double now_s);
   /// Builds the map anew if facts have come in and the period has passed, or if `force`. True if it did.
   bool rebuild(double now_s, bool force = false);
+
+  // ---- the same in two steps, for a map that is built elsewhere (MapWorker) ----
+  /// If rebuild() would build one: all facts at the first call, later those that have come in since the last order.
+  std::optional<MapOrder<G>> order_map(double now_s);
+  /// Takes the map of an order, unless there is one of more facts by now. Returns the one that is no longer needed.
+  GlobalMap<G> adopt(BuiltMap<G> built);
+  const std::shared_ptr<const Backend<G>>& backend() const { return backend_; }
 
   const FactStore<G>& store() const { return store_; }
   const GlobalMap<G>& map() const { return map_; }
@@ -105,15 +131,22 @@ class SubmapManager {
   void handle_digest(const ChainId& sender, const Digest& digest);
   void send_digest(double now_s);
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
+  bool map_due(double now_s) const;
+  template <class Fact>
+  bool insert(const Fact& fact);
 
   ChainId self_;
   SubmapExchange<G>& exchange_;
   SubmapManagerParams params_;
   FactStore<G> store_;
   RepairProtocol<G> repair_;
-  std::unique_ptr<Backend<G>> backend_;
+  std::shared_ptr<const Backend<G>> backend_;
+  MapBuilder<G> builder_;
   GlobalMap<G> map_;
-  std::uint64_t map_revision_ = 0;
+  std::uint64_t map_revision_ = 0;      // of the facts in map_
+  std::uint64_t ordered_revision_ = 0;  // of the facts in map_ or in the last order
+  bool orders_given_ = false;
+  std::vector<AnyFact<G>> news_;  // since the last order, if there was one
   double map_s_ = -1e300, digest_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};
   std::optional<ChainState<G>> live_;

@@ -32,7 +32,8 @@ void Vehicle<G>::configure() {
   const auto [epoch, first] = folder ? folder->next_epoch(params_.fresh_epoch)
                                      : StateFolder::NextEpoch{std::max(params_.fresh_epoch(), last_epoch_ + 1), last_epoch_ == 0};
   last_epoch_ = epoch;
-  auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps);
+  auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps, backend_);
+  auto map_worker = std::make_unique<MapWorker<G>>(params_.submaps, manager->backend());
   auto front_end = std::make_unique<FrontEndComponent<G>>(front_end_, *manager, params_.drift, params_.live_period_s);
   auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association);
   front_end->on_export(on_export_);
@@ -41,6 +42,7 @@ void Vehicle<G>::configure() {
   state_folder_ = std::move(folder);
   exchange_ = std::move(exchange);
   manager_ = std::move(manager);
+  map_worker_ = std::move(map_worker);
   front_end_component_ = std::move(front_end);
   association_ = std::move(association);
   state_ = State::inactive;
@@ -71,7 +73,9 @@ void Vehicle<G>::deactivate() {
 template <class G>
 void Vehicle<G>::shutdown() {
   if (state() == State::active) deactivate();
+  std::unique_ptr<MapWorker<G>> worker;  // goes last, when nobody is locked out: it may be in the middle of a map
   const std::lock_guard lock(mutex_);
+  worker = std::move(map_worker_);
   association_.reset();
   front_end_component_.reset();
   manager_.reset();
@@ -100,7 +104,9 @@ void Vehicle<G>::step() {
   const double now_s = clock_();
   manager_->step(now_s);
   searches_left_ = association_->step(params_.searches_per_step);
-  manager_->rebuild(now_s);
+  if (auto built = map_worker_->collect()) map_worker_->retire(manager_->adopt(std::move(*built)));
+  if (map_worker_->idle())
+    if (auto order = manager_->order_map(now_s)) map_worker_->start(std::move(*order));
 }
 
 template <class G>

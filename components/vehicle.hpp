@@ -1,4 +1,4 @@
-// Vehicle: all components of one vehicle behind one door, with the thread that drives them.
+// Vehicle: all components of one vehicle behind one door, with the thread that drives them and the one that builds maps.
 //
 //   convoy::RangeBearingEkf slam(params);                       // or any other FrontEnd
 //   convoy::Vehicle<convoy::SE2> vehicle(config, slam);
@@ -10,6 +10,7 @@
 
 #include <convoy/components/association_component.hpp>
 #include <convoy/components/front_end_component.hpp>
+#include <convoy/components/map_worker.hpp>
 #include <convoy/components/state_folder.hpp>
 #include <convoy/components/submap_manager.hpp>
 #include <convoy/exchange/impairment.hpp>
@@ -89,6 +90,8 @@ class Vehicle {
   /// Runs `look` on the components with the thread held off: for what snapshot() does not tell.
   void inspect(const std::function<void(SubmapManager<G>&, FrontEndComponent<G>&)>& look);
 
+  /// Set before configure(): solves the maps, instead of what params.submaps.backend names.
+  void use_backend(std::shared_ptr<const Backend<G>> backend) { backend_ = std::move(backend); }
   /// Set before configure().
   void on_export(typename FrontEndComponent<G>::ExportListener listener) { on_export_ = std::move(listener); }
 
@@ -101,6 +104,7 @@ class Vehicle {
   OpenExchange open_;
   Clock clock_;
   typename FrontEndComponent<G>::ExportListener on_export_;
+  std::shared_ptr<const Backend<G>> backend_;
 
   mutable std::mutex mutex_;
   std::condition_variable wake_;
@@ -111,6 +115,7 @@ class Vehicle {
   std::unique_ptr<StateFolder> state_folder_;
   std::unique_ptr<SubmapExchange<G>> exchange_;
   std::unique_ptr<SubmapManager<G>> manager_;
+  std::unique_ptr<MapWorker<G>> map_worker_;
   std::unique_ptr<FrontEndComponent<G>> front_end_component_;
   std::unique_ptr<AssociationComponent<G>> association_;
   int searches_left_ = 0;

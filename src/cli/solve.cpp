@@ -52,33 +52,36 @@ double quantile(const std::vector<double>& sorted, double p) {
   return sorted[static_cast<std::size_t>(std::max(0.0, rank - 1.0))];
 }
 
+template <class G>
 struct Solution {
-  std::vector<SE2> poses;
+  std::vector<G> poses;
   PoseGraphReport report;
   std::vector<double> update_ms;  ///< sorted
 };
 
-Solution solve_batch(PoseGraph<SE2> graph, const PoseGraphParams& params) {
+template <class G>
+Solution<G> solve_batch(PoseGraph<G> graph, const PoseGraphParams& params) {
   Progress progress;
   graph.poses = relaxed_poses(graph);
-  PoseGraphSolver<SE2> solver(std::move(graph), params);
-  Solution solution;
+  PoseGraphSolver<G> solver(std::move(graph), params);
+  Solution<G> solution;
   solution.report = solver.optimise(
       [&](const PoseGraphReport& r) { progress.say("iteration %d, cost %.6g", r.iterations, r.final_cost); });
   solution.poses = solver.poses();
   return solution;
 }
 
-Solution solve_incrementally(const PoseGraph<SE2>& graph, const G2oFile& file, const SolveOptions& options,
-                             const PoseGraphParams& params) {
-  std::vector<std::vector<PoseFactor<SE2>>> factors_of(graph.poses.size());
-  for (const PoseFactor<SE2>& f : graph.factors)
+template <class G>
+Solution<G> solve_incrementally(const PoseGraph<G>& graph, const G2oFile& file, const SolveOptions& options,
+                                const PoseGraphParams& params) {
+  std::vector<std::vector<PoseFactor<G>>> factors_of(graph.poses.size());
+  for (const PoseFactor<G>& f : graph.factors)
     factors_of[static_cast<std::size_t>(std::max(f.from, f.to))].push_back(f);
   IncrementalParams incremental;
   incremental.residual = params.residual;
-  IncrementalPoseGraph<SE2> solver(graph.poses.front(), incremental);
+  IncrementalPoseGraph<G> solver(graph.poses.front(), incremental);
   Progress progress;
-  Solution solution;
+  Solution<G> solution;
   for (std::size_t k = 1; k < graph.poses.size(); ++k) {
     const Clock::time_point start = Clock::now();
     if (!solver.add(factors_of[k]))
@@ -100,19 +103,12 @@ PoseResidual residual_named(const std::string& name) {
   throw ConfigError("--residual " + name + " is not known; give g2o or log");
 }
 
-}  // namespace
-
-SolveSummary solve_graph(const SolveOptions& options) {
-  PoseGraphParams params;
-  params.residual = residual_named(options.residual);
-  const G2oFile file = read_g2o(options.graph);
-  if (file.dim != 2)
-    throw ConfigError(options.graph.string() +
-                      ": a 3-D graph (SE3:QUAT); solving in 3-D is not built yet, give a 2-D graph (SE2)");
-  PoseGraph<SE2> graph = pose_graph_se2(file);
+template <class G>
+SolveSummary solve_in(const G2oFile& file, const SolveOptions& options, const PoseGraphParams& params) {
+  PoseGraph<G> graph = pose_graph<G>(file);
   const Clock::time_point start = Clock::now();
   graph.poses = composed_poses(graph);
-  Solution solution =
+  const Solution<G> solution =
       options.incremental ? solve_incrementally(graph, file, options, params) : solve_batch(graph, params);
   SolveSummary summary{graph.poses.size(), graph.factors.size(), solution.report, seconds_since(start)};
   summary.report.initial_cost = pose_graph_cost(params.residual, graph.factors, graph.poses);
@@ -137,6 +133,15 @@ SolveSummary solve_graph(const SolveOptions& options) {
   write_text_file(options.out / "solved.g2o", g2o_text(file, solution.poses));
   write_text_file(options.out / "solve.json", json.dump(2) + "\n");
   return summary;
+}
+
+}  // namespace
+
+SolveSummary solve_graph(const SolveOptions& options) {
+  PoseGraphParams params;
+  params.residual = residual_named(options.residual);
+  const G2oFile file = read_g2o(options.graph);
+  return file.dim == 2 ? solve_in<SE2>(file, options, params) : solve_in<SE3>(file, options, params);
 }
 
 int run_solve(const SolveOptions& options) {

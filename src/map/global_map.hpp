@@ -21,4 +21,21 @@ struct GlobalMap {
 template <class G>
 GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
 
+/// build_global_map() for one store as it grows: the same maps, to the bit, without repeating what the facts alone say.
+template <class G>
+class MapBuilder {
+ public:
+  /// `backend` must outlive it.
+  MapBuilder(const SelectionParams& params, const Backend<G>& backend)
+      : params_(params), backend_(backend), selector_(params) {}
+
+  /// `store`: the same in every call, or a replica of it.
+  GlobalMap<G> build(const FactStore<G>& store);
+
+ private:
+  SelectionParams params_;
+  const Backend<G>& backend_;
+  Selector<G> selector_;
+};
+
 }  // namespace convoy

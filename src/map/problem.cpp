@@ -132,6 +132,7 @@ class ProblemBuilder {
         if (placed.count(a)) base_[static_cast<std::size_t>(b)] = base_[static_cast<std::size_t>(a)] * Xa * z * Xb.inverse();
         else base_[static_cast<std::size_t>(a)] = base_[static_cast<std::size_t>(b)] * Xb * z.inverse() * Xa.inverse();
         placed.insert({a, b});
+        problem_.placed_by.insert(h.id);
         progress = true;
         break;
       }

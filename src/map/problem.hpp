@@ -4,6 +4,7 @@
 
 #include <convoy/map/selection.hpp>
 
+#include <set>
 #include <vector>
 
 namespace convoy {
@@ -56,6 +57,7 @@ struct Problem {
   std::vector<PriorFactor<G>> priors;
   std::vector<DriftFactor<G>> drifts;
   std::vector<LandmarkFactor<G>> landmarks;
+  std::set<Hash> placed_by;  ///< hypotheses that the start values of chains come from
 };
 
 /// The common frame is the one of the static biases, if any is known. Else it is the start of `reference` (its first epoch

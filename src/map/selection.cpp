@@ -5,65 +5,92 @@
 
 #include <algorithm>
 #include <map>
+#include <numeric>
 
 namespace convoy {
 namespace {
 
-// Union-find over landmarks that refuses to put two landmarks of one batch into one class (DESIGN R4).
+// Union-find over landmarks, by number, that refuses to put two landmarks of one batch into one class (DESIGN R4). The
+// members of a class are a ring: exchanging the successors of a member of each joins two rings, and parts them again.
 class Classes {
  public:
-  Key root(Key key) {
-    while (true) {
-      const auto it = parent_.find(key);
-      if (it == parent_.end() || it->second == key) return key;
-      key = it->second;
-    }
+  explicit Classes(const std::vector<int>& batch_of)
+      : batch_of_(batch_of), parent_(batch_of.size()), next_(batch_of.size()), size_(batch_of.size(), 1) {
+    std::iota(parent_.begin(), parent_.end(), 0);
+    std::iota(next_.begin(), next_.end(), 0);
   }
 
-  // Joins all pairings, or none of them. batch_of(landmark) names its anchor.
-  template <class BatchOf>
-  bool join(const std::vector<Pairing>& pairings, BatchOf batch_of) {
-    const auto before_parent = parent_;
-    const auto before_members = members_;
-    for (const auto& [a, b] : pairings) {
-      const Key ra = std::min(root(a), root(b)), rb = std::max(root(a), root(b));
-      if (ra == rb) continue;
-      std::vector<Key> both = members(ra);
-      const std::vector<Key> other = members(rb);
-      both.insert(both.end(), other.begin(), other.end());
-      std::set<Key> batches;
-      for (const Key& landmark : both)
-        if (!batches.insert(batch_of(landmark)).second) {
-          parent_ = before_parent;
-          members_ = before_members;
-          return false;
-        }
-      parent_[ra] = ra;
-      parent_[rb] = ra;
-      members_.erase(rb);
-      members_[ra] = std::move(both);
-    }
+  // Joins all pairings, or none of them.
+  bool join(const std::vector<std::pair<int, int>>& pairs) {
+    merged_.clear();
+    for (const auto& [a, b] : pairs)
+      if (!merge(root(a), root(b))) {
+        while (!merged_.empty()) undo();
+        return false;
+      }
     return true;
   }
 
-  std::vector<std::vector<Key>> sorted() const {
+  // Those of two or more, sorted.
+  std::vector<std::vector<Key>> sorted(const std::vector<Key>& landmarks) const {
     std::vector<std::vector<Key>> classes;
-    for (const auto& [root, members] : members_) {
-      classes.push_back(members);
-      std::sort(classes.back().begin(), classes.back().end());
+    for (int r = 0; r < static_cast<int>(parent_.size()); ++r) {
+      if (at(parent_, r) != r || at(size_, r) < 2) continue;
+      std::vector<Key>& members = classes.emplace_back();
+      each_member(r, [&](int l) {
+        members.push_back(landmarks[static_cast<std::size_t>(l)]);
+        return true;
+      });
+      std::sort(members.begin(), members.end());
     }
     std::sort(classes.begin(), classes.end());
     return classes;
   }
 
  private:
-  std::vector<Key> members(const Key& root) const {
-    const auto it = members_.find(root);
-    return it == members_.end() ? std::vector<Key>{root} : it->second;
+  static int at(const std::vector<int>& v, int i) { return v[static_cast<std::size_t>(i)]; }
+  static int& at(std::vector<int>& v, int i) { return v[static_cast<std::size_t>(i)]; }
+
+  int root(int l) const {
+    while (at(parent_, l) != l) l = at(parent_, l);
+    return l;
   }
 
-  std::map<Key, Key> parent_;
-  std::map<Key, std::vector<Key>> members_;
+  // While `visit` returns true; returns whether it always did.
+  template <class Visit>
+  bool each_member(int root, const Visit& visit) const {
+    int l = root;
+    do {
+      if (!visit(l)) return false;
+      l = at(next_, l);
+    } while (l != root);
+    return true;
+  }
+
+  bool merge(int into, int from) {
+    if (into == from) return true;
+    if (at(size_, into) < at(size_, from)) std::swap(into, from);
+    const bool fits = each_member(
+        into, [&](int l) { return each_member(from, [&](int m) { return at(batch_of_, l) != at(batch_of_, m); }); });
+    if (!fits) return false;
+    merged_.emplace_back(into, from);
+    std::swap(at(next_, into), at(next_, from));
+    at(parent_, from) = into;
+    at(size_, into) += at(size_, from);
+    return true;
+  }
+
+  void undo() {
+    const auto [into, from] = merged_.back();
+    merged_.pop_back();
+    std::swap(at(next_, into), at(next_, from));
+    at(parent_, from) = from;
+    at(size_, into) -= at(size_, from);
+  }
+
+  const std::vector<int>& batch_of_;
+  std::vector<int> parent_, next_, size_;
+  std::vector<std::pair<int, int>> merged_;  // (into, from), by the join() in progress
 };
 
 template <class G>
@@ -98,34 +125,6 @@ std::set<Hash> vetoed(const FactStore<G>& store) {
   return result;
 }
 
-// One-to-one between exactly two batches; finds them and the alignment.
-template <class G>
-HypothesisState examine(const FactStore<G>& store, const SelectionParams& params, Hypothesis<G>& h) {
-  if (static_cast<int>(h.pairings.size()) < params.min_pairings) return HypothesisState::malformed;
-  Batch<G> a, b;
-  std::vector<IndexPairing> pairs;
-  std::set<Key> seen;
-  for (const auto& [ka, kb] : h.pairings) {
-    const LandmarkFact<G>*la = store.landmark(ka), *lb = store.landmark(kb);
-    if (la == nullptr || lb == nullptr) return HypothesisState::waiting;
-    if (lb->anchor_key() < la->anchor_key()) std::swap(la, lb);
-    if (pairs.empty()) {
-      h.batch_a = a.anchor = la->anchor_key();
-      h.batch_b = b.anchor = lb->anchor_key();
-    }
-    const bool fits = la->anchor_key() == a.anchor && lb->anchor_key() == b.anchor && a.anchor != b.anchor;
-    if (!fits || !seen.insert(ka).second || !seen.insert(kb).second) return HypothesisState::malformed;
-    pairs.emplace_back(static_cast<int>(pairs.size()), static_cast<int>(pairs.size()));
-    a.landmarks.push_back(*la);
-    b.landmarks.push_back(*lb);
-  }
-  if (store.anchor(a.anchor) == nullptr || store.anchor(b.anchor) == nullptr) return HypothesisState::waiting;
-  const auto alignment = align(a, b, pairs);
-  if (!alignment || alignment->chi2 > chi2_quantile(params.residual, alignment->dof)) return HypothesisState::geometry;
-  h.alignment = *alignment;
-  return HypothesisState::accepted;
-}
-
 }  // namespace
 
 const char* to_string(HypothesisState state) {
@@ -142,23 +141,99 @@ const char* to_string(HypothesisState state) {
 }
 
 template <class G>
-Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded) {
-  Selection<G> selection;
-  selection.hypotheses = stated(store);
-  const std::set<Hash> vetoes = vetoed(store);
-  Classes classes;
-  for (Hypothesis<G>& h : selection.hypotheses) {
-    h.state = vetoes.count(h.id)     ? HypothesisState::vetoed
-              : excluded.hypotheses.count(h.id) ? HypothesisState::map_residual
-                                     : examine(store, params, h);
-    const auto batch_of_landmark = [&](const Key& key) { return store.landmark(key)->anchor_key(); };
-    std::vector<Pairing> fitting;
-    for (const Pairing& p : h.pairings)
-      if (!excluded.landmarks.count(p.first) && !excluded.landmarks.count(p.second)) fitting.push_back(p);
-    if (h.state == HypothesisState::accepted && !classes.join(fitting, batch_of_landmark))
-      h.state = HypothesisState::class_conflict;
+int Selector<G>::number(const FactStore<G>& store, const Key& landmark) {
+  const auto [it, fresh] = landmark_number_.try_emplace(landmark, static_cast<int>(landmarks_.size()));
+  if (fresh) {
+    landmarks_.push_back(landmark);
+    const Key batch = store.landmark(landmark)->anchor_key();
+    batch_of_.push_back(batch_number_.try_emplace(batch, static_cast<int>(batch_number_.size())).first->second);
   }
-  selection.classes = classes.sorted();
+  return it->second;
+}
+
+// One-to-one between exactly two batches; finds them and the alignment.
+template <class G>
+typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, const std::vector<Pairing>& pairings) {
+  Examined result;
+  const auto ends = [&](HypothesisState state) {
+    result.state = state;
+    return result;
+  };
+  if (static_cast<int>(pairings.size()) < params_.min_pairings) return ends(HypothesisState::malformed);
+  Batch<G> a, b;
+  std::vector<IndexPairing> pairs;
+  std::set<Key> seen;
+  for (const auto& [ka, kb] : pairings) {
+    const LandmarkFact<G>*la = store.landmark(ka), *lb = store.landmark(kb);
+    if (la == nullptr || lb == nullptr) return ends(HypothesisState::waiting);
+    if (lb->anchor_key() < la->anchor_key()) std::swap(la, lb);
+    if (pairs.empty()) {
+      result.batch_a = a.anchor = la->anchor_key();
+      result.batch_b = b.anchor = lb->anchor_key();
+    }
+    const bool fits = la->anchor_key() == a.anchor && lb->anchor_key() == b.anchor && a.anchor != b.anchor;
+    if (!fits || !seen.insert(ka).second || !seen.insert(kb).second) return ends(HypothesisState::malformed);
+    pairs.emplace_back(static_cast<int>(pairs.size()), static_cast<int>(pairs.size()));
+    a.landmarks.push_back(*la);
+    b.landmarks.push_back(*lb);
+  }
+  if (store.anchor(a.anchor) == nullptr || store.anchor(b.anchor) == nullptr) return ends(HypothesisState::waiting);
+  const auto alignment = align(a, b, pairs);
+  if (!alignment || alignment->chi2 > chi2_quantile(params_.residual, alignment->dof))
+    return ends(HypothesisState::geometry);
+  result.alignment = {alignment->T_a_b, alignment->covariance()};
+  for (const auto& [ka, kb] : pairings) result.pairs.emplace_back(number(store, ka), number(store, kb));
+  return ends(HypothesisState::accepted);
+}
+
+template <class G>
+const typename Selector<G>::Examined& Selector<G>::examine(const FactStore<G>& store, const Hypothesis<G>& h) {
+  Examined& known = examined_[h.id];
+  if (known.state == HypothesisState::waiting) known = examined(store, h.pairings);
+  return known;
+}
+
+template <class G>
+void Selector<G>::read(const FactStore<G>& store) {
+  if (read_ && store.revision() == revision_) return;
+  stated_ = stated(store);
+  vetoed_ = vetoed(store);
+  revision_ = store.revision();
+  read_ = true;
+}
+
+template <class G>
+Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& excluded) {
+  read(store);
+  Selection<G> selection;
+  selection.hypotheses = stated_;
+  for (Hypothesis<G>& h : selection.hypotheses) {
+    if (vetoed_.count(h.id)) {
+      h.state = HypothesisState::vetoed;
+    } else if (excluded.hypotheses.count(h.id)) {
+      h.state = HypothesisState::map_residual;
+    } else {
+      const Examined& known = examine(store, h);
+      h.state = known.state;
+      h.batch_a = known.batch_a;
+      h.batch_b = known.batch_b;
+      h.alignment = known.alignment;
+    }
+  }
+  Classes classes(batch_of_);
+  std::vector<bool> left_out(landmarks_.size(), false);
+  for (const Key& key : excluded.landmarks)
+    if (const auto it = landmark_number_.find(key); it != landmark_number_.end())
+      left_out[static_cast<std::size_t>(it->second)] = true;
+  std::vector<std::pair<int, int>> fitting;
+  for (Hypothesis<G>& h : selection.hypotheses) {
+    if (h.state != HypothesisState::accepted) continue;
+    fitting.clear();
+    for (const auto& [a, b] : examined_.at(h.id).pairs)
+      if (!left_out[static_cast<std::size_t>(a)] && !left_out[static_cast<std::size_t>(b)]) fitting.emplace_back(a, b);
+    if (!classes.join(fitting)) h.state = HypothesisState::class_conflict;
+  }
+  selection.classes = classes.sorted(landmarks_);
   ContentHash hash;
   for (const auto& members : selection.classes) {
     hash.add(static_cast<std::uint64_t>(members.size()), 4);
@@ -168,7 +243,13 @@ Selection<G> select(const FactStore<G>& store, const SelectionParams& params, co
   return selection;
 }
 
+template <class G>
+Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded) {
+  return Selector<G>(params).select(store, excluded);
+}
+
 #define CONVOY_INSTANTIATE(G) \
+  template class Selector<G>; \
   template Selection<G> select(const FactStore<G>&, const SelectionParams&, const Exclusions&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

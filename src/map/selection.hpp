@@ -5,7 +5,10 @@
 #include <convoy/association/alignment.hpp>
 #include <convoy/submap/fact_store.hpp>
 
+#include <map>
 #include <set>
+#include <unordered_map>
+#include <utility>
 #include <vector>
 
 namespace convoy {
@@ -30,6 +33,14 @@ enum class HypothesisState : std::uint8_t {
 inline constexpr int hypothesis_state_count = 7;
 const char* to_string(HypothesisState state);
 
+/// What the pairs of a hypothesis say by themselves of the motion between their batches.
+template <class G>
+struct HypothesisAlignment {
+  G T_a_b;
+  typename G::Covariance P = G::Covariance::Zero();
+  const typename G::Covariance& covariance() const { return P; }  ///< of a right perturbation
+};
+
 template <class G>
 struct Hypothesis {
   Hash id = 0;
@@ -37,7 +48,7 @@ struct Hypothesis {
   ChainId author;  ///< the smallest chain that states it
   HypothesisState state = HypothesisState::waiting;
   Key batch_a, batch_b;    ///< anchors, a < b; the first landmark of each pairing is of a
-  Alignment<G> alignment;  ///< T_a_b from its pairs alone
+  HypothesisAlignment<G> alignment;
 };
 
 template <class G>
@@ -56,5 +67,39 @@ struct Exclusions {
 
 template <class G>
 Selection<G> select(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded = {});
+
+/// select() for one store as it grows. A hypothesis whose facts are all held is examined once, since facts never
+/// change; the answers are those of select(), to the bit.
+template <class G>
+class Selector {
+ public:
+  explicit Selector(const SelectionParams& params) : params_(params) {}
+
+  /// `store`: the same in every call, or a replica of it.
+  Selection<G> select(const FactStore<G>& store, const Exclusions& excluded = {});
+
+ private:
+  struct Examined {
+    HypothesisState state = HypothesisState::waiting;
+    Key batch_a, batch_b;
+    HypothesisAlignment<G> alignment;
+    std::vector<std::pair<int, int>> pairs;  // numbers of landmarks; of an accepted one
+  };
+  void read(const FactStore<G>& store);
+  const Examined& examine(const FactStore<G>& store, const Hypothesis<G>& hypothesis);
+  Examined examined(const FactStore<G>& store, const std::vector<Pairing>& pairings);
+  int number(const FactStore<G>& store, const Key& landmark);
+
+  SelectionParams params_;
+  std::unordered_map<Hash, Examined> examined_;
+  // Landmarks and batches by number, in the order in which they were met: names only, no result depends on them.
+  std::map<Key, int> landmark_number_, batch_number_;
+  std::vector<Key> landmarks_;
+  std::vector<int> batch_of_;  // of each landmark
+  bool read_ = false;
+  std::uint64_t revision_ = 0;
+  std::vector<Hypothesis<G>> stated_;  // at that revision of the store
+  std::set<Hash> vetoed_;
+};
 
 }  // namespace convoy

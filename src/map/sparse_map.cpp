@@ -2,81 +2,82 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/factors.hpp>
 #include <convoy/map/sparse_map.hpp>
+#include <convoy/solver/block_cholesky.hpp>
 
-#include <Eigen/Sparse>
-#include <Eigen/SparseCholesky>
+#include <algorithm>
 #include <map>
+#include <utility>
 
 namespace convoy {
 namespace {
 
-using SparseMatrix = Eigen::SparseMatrix<double>;
-using Factor = Eigen::SimplicialLDLT<SparseMatrix, Eigen::Lower, Eigen::AMDOrdering<int>>;
-
-// Columns of H^-1 are solved for when first asked.
+// H^-1 by blocks. The first question pays for every block where H is not zero; what lies elsewhere takes a right-hand
+// side each and is kept. A question has the same answer, to the bit, whatever was asked before it.
 template <class G>
 class SparseCovariance final : public CovarianceSource<G> {
  public:
-  SparseCovariance(std::unique_ptr<Factor> factor, Eigen::Index size, int nodes)
-      : factor_(std::move(factor)), size_(size), nodes_(nodes) {}
+  SparseCovariance(BlockCholesky solver, int nodes) : solver_(std::move(solver)), nodes_(nodes) {}
 
   typename G::Covariance nodes(int a, int b) override {
-    auto [it, fresh] = columns_.try_emplace(b);
-    if (fresh) it->second = columns(G::Dof * b, G::Dof);
-    return it->second.template middleRows<G::Dof>(G::Dof * a);
+    if (solver_.in_pattern(a, b)) return BlockCholesky::in_slot<G::Dof, G::Dof>(selected(), solver_.slot(a, b));
+    auto [it, fresh] = elsewhere_.try_emplace(std::minmax(a, b));
+    if (fresh) it->second = solver_.covariance(std::min(a, b), std::max(a, b));
+    return a < b ? it->second : typename G::Covariance(it->second.transpose());
   }
 
   typename G::PointCovariance point(int p) override {
-    const Eigen::Index at = G::Dof * nodes_ + G::Dim * p;
-    return symmetrised(typename G::PointCovariance(columns(at, G::Dim).template middleRows<G::Dim>(at)));
+    const int block = nodes_ + p;
+    return symmetrised(BlockCholesky::in_slot<G::Dim, G::Dim>(selected(), solver_.slot(block, block)));
   }
 
  private:
-  Eigen::MatrixXd columns(Eigen::Index first, Eigen::Index count) const {
-    Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(size_, count);
-    unit.middleRows(first, count).setIdentity();
-    return factor_->solve(unit);
+  const std::vector<double>& selected() {
+    if (selected_.empty()) selected_ = solver_.selected_inverse();
+    return selected_;
   }
 
-  std::unique_ptr<Factor> factor_;
-  Eigen::Index size_;
+  BlockCholesky solver_;
   int nodes_;
-  std::map<int, Eigen::MatrixXd> columns_;
+  std::vector<double> selected_;
+  std::map<std::pair<int, int>, typename G::Covariance> elsewhere_;
 };
 
-// The normal equations of a problem at an estimate.
+// The normal equations of a problem at an estimate: blocks of nodes, then of points, each where the pattern, which is
+// analysed once, has it.
 template <class G>
 class NormalEquations {
  public:
   explicit NormalEquations(const Problem<G>& problem)
-      : problem_(problem), nodes_(static_cast<int>(problem.nodes.size())),
-        size_(G::Dof * nodes_ + G::Dim * static_cast<Eigen::Index>(problem.points.size())) {
+      : problem_(problem), nodes_(static_cast<int>(problem.nodes.size())), batches_(batch_factors(problem)) {
     for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
     for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
-    batches_ = batch_factors(problem);
+    for (const BatchFactor<G>& f : batches_) shared_.push_back(shared_errors(f));
+    std::vector<int> sizes(problem.nodes.size(), G::Dof);
+    sizes.resize(sizes.size() + problem.points.size(), G::Dim);
+    BlockPattern pattern(std::move(sizes));
+    each_pair([&](int i, int j) { pattern.add(i, j); });
+    solver_ = BlockCholesky(pattern);
+    solver_.set_pivot_tolerance(0.0);  // known to 0.1 mm beside known to 1 km is no rounding
+    each_pair([&](int i, int j) { slots_.push_back(solver_.slot(i, j)); });
+    gradient_.setZero(solver_.size());
   }
 
-  Eigen::Index size() const { return size_; }
+  BlockCholesky& solver() { return solver_; }
+  const Eigen::VectorXd& gradient() const { return gradient_; }
+  int node_row(int n) const { return solver_.offset(n); }
+  int point_row(int p) const { return solver_.offset(nodes_ + p); }
 
-  /// r^T W r summed over all factors; with `assemble`, H = J^T W J (lower triangle) and g = -J^T W r too.
-  double linearise(const std::vector<G>& poses, const std::vector<typename G::Point>& points, bool assemble) {
-    if (assemble) {
-      triplets_.clear();
-      gradient_ = Eigen::VectorXd::Zero(size_);
-    }
+  /// H = J^T W J and g = -J^T W r; returns r^T W r, summed over all factors.
+  double linearise(const std::vector<G>& poses, const std::vector<typename G::Point>& points) {
+    solver_.set_zero();
+    gradient_.setZero();
+    slot_ = slots_.data();
     double chi2 = 0.0;
-    for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses, assemble);
-    for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses, assemble);
-    for (const BatchFactor<G>& batch : batches_) chi2 += landmarks(batch, poses, points, assemble);
+    for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses);
+    for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses);
+    for (std::size_t k = 0; k < batches_.size(); ++k) chi2 += landmarks(k, poses, points);
     return chi2;
   }
-
-  SparseMatrix hessian() const {
-    SparseMatrix H(size_, size_);
-    H.setFromTriplets(triplets_.begin(), triplets_.end());
-    return H;
-  }
-  const Eigen::VectorXd& gradient() const { return gradient_; }
 
   int residuals() const {
     return G::Dof * static_cast<int>(problem_.priors.size() + problem_.drifts.size()) +
@@ -86,44 +87,71 @@ class NormalEquations {
  private:
   using Dof = typename G::Covariance;
 
-  Eigen::Index node(int n) const { return G::Dof * n; }
-  Eigen::Index point(int p) const { return G::Dof * nodes_ + G::Dim * p; }
-
-  template <class Block>
-  void add_block(Eigen::Index row, Eigen::Index col, const Block& block) {
-    for (Eigen::Index c = 0; c < block.cols(); ++c)
-      for (Eigen::Index r = 0; r < block.rows(); ++r)
-        if (row + r >= col + c) triplets_.emplace_back(row + r, col + c, block(r, c));
+  // Every block that linearise() adds to, in its order.
+  template <class Visit>
+  void each_pair(const Visit& visit) const {
+    for (const auto& f : problem_.priors) visit(f.node, f.node);
+    for (const auto& f : problem_.drifts) {
+      visit(f.a, f.a);
+      visit(f.b, f.a);
+      visit(f.b, f.b);
+    }
+    for (std::size_t k = 0; k < batches_.size(); ++k) {
+      const BatchFactor<G>& f = batches_[k];
+      visit(f.node, f.node);
+      for (std::size_t i = 0; i < f.landmarks.size(); ++i) visit(point_block(f, i), f.node);
+      for (const auto& [i, j] : shared_[k]) visit(point_block(f, i), point_block(f, j));
+    }
   }
 
-  double prior(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F0
+  using Pair = std::pair<std::size_t, std::size_t>;
+
+  // Landmarks of a batch whose errors have to do with each other, each two of them once; each with itself.
+  std::vector<Pair> shared_errors(const BatchFactor<G>& f) const {
+    std::vector<Pair> pairs;
+    for (std::size_t i = 0; i < f.landmarks.size(); ++i)
+      for (std::size_t j = 0; j < f.landmarks.size(); ++j) {
+        const bool once = point_block(f, j) <= point_block(f, i);
+        if (once && (i == j || !information(f, i, j).isZero(0.0))) pairs.emplace_back(i, j);
+      }
+    return pairs;
+  }
+
+  int point_block(const BatchFactor<G>& f, std::size_t i) const { return nodes_ + f.landmarks[i]->point; }
+  static auto information(const BatchFactor<G>& f, std::size_t i, std::size_t j) {
+    return f.information.template block<G::Dim, G::Dim>(G::Dim * static_cast<Eigen::Index>(i),
+                                                        G::Dim * static_cast<Eigen::Index>(j));
+  }
+
+  template <class Block>
+  void add(const Block& block) {
+    solver_.add(*slot_++, block);
+  }
+
+  double prior(std::size_t k, const std::vector<G>& poses) {  // F0
     const PriorFactor<G>& f = problem_.priors[k];
     const Dof& W = prior_information_[k];
     const auto [r, J] = PriorResidual<G>(f, poses[static_cast<std::size_t>(f.node)]);
-    if (assemble) {
-      add_block(node(f.node), node(f.node), Dof(J.transpose() * W * J));
-      gradient_.segment<G::Dof>(node(f.node)) -= J.transpose() * W * r;
-    }
+    add(Dof(J.transpose() * W * J));
+    gradient_.segment<G::Dof>(node_row(f.node)) -= J.transpose() * W * r;
     return r.dot(W * r);
   }
 
-  double drift(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F1
+  double drift(std::size_t k, const std::vector<G>& poses) {  // F1
     const DriftFactor<G>& f = problem_.drifts[k];
     const Dof& W = drift_information_[k];
     const auto [r, J_b, J_a] =
         DriftResidual<G>(f, poses[static_cast<std::size_t>(f.a)], poses[static_cast<std::size_t>(f.b)]);
-    if (assemble) {
-      add_block(node(f.a), node(f.a), Dof(J_a.transpose() * W * J_a));
-      add_block(node(f.b), node(f.a), Dof(J_b.transpose() * W * J_a));
-      add_block(node(f.b), node(f.b), Dof(J_b.transpose() * W * J_b));
-      gradient_.segment<G::Dof>(node(f.a)) -= J_a.transpose() * W * r;
-      gradient_.segment<G::Dof>(node(f.b)) -= J_b.transpose() * W * r;
-    }
+    add(Dof(J_a.transpose() * W * J_a));
+    add(Dof(J_b.transpose() * W * J_a));
+    add(Dof(J_b.transpose() * W * J_b));
+    gradient_.segment<G::Dof>(node_row(f.a)) -= J_a.transpose() * W * r;
+    gradient_.segment<G::Dof>(node_row(f.b)) -= J_b.transpose() * W * r;
     return r.dot(W * r);
   }
 
-  double landmarks(const BatchFactor<G>& f, const std::vector<G>& poses, const std::vector<typename G::Point>& points,
-                   bool assemble) {  // F2
+  double landmarks(std::size_t k, const std::vector<G>& poses, const std::vector<typename G::Point>& points) {  // F2
+    const BatchFactor<G>& f = batches_[k];
     const auto n = static_cast<Eigen::Index>(f.landmarks.size());
     const G& T = poses[static_cast<std::size_t>(f.node)];
     const typename G::PointCovariance J_m = T.rotation().transpose();
@@ -135,31 +163,28 @@ class NormalEquations {
       r.template segment<G::Dim>(G::Dim * i) = one.r;
       J_T.template middleRows<G::Dim>(G::Dim * i) = one.J_T;
     }
-    const Eigen::VectorXd Wr = f.information * r;
-    if (!assemble) return r.dot(Wr);
-    const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = f.information * J_T;
-    add_block(node(f.node), node(f.node), Dof(J_T.transpose() * WJ));
-    gradient_.segment<G::Dof>(node(f.node)) -= J_T.transpose() * Wr;
-    const auto point_of = [&](Eigen::Index i) { return point(f.landmarks[static_cast<std::size_t>(i)]->point); };
-    for (Eigen::Index i = 0; i < n; ++i) {
-      add_block(point_of(i), node(f.node), typename G::PointJacobian(J_m.transpose() * WJ.template middleRows<G::Dim>(G::Dim * i)));
-      gradient_.segment<G::Dim>(point_of(i)) -= J_m.transpose() * Wr.template segment<G::Dim>(G::Dim * i);
-      for (Eigen::Index j = 0; j < n; ++j) {
-        if (point_of(j) > point_of(i)) continue;  // upper triangle
-        const typename G::PointCovariance W = f.information.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j);
-        if (i != j && W.isZero(0.0)) continue;  // nothing shared
-        add_block(point_of(i), point_of(j), typename G::PointCovariance(J_m.transpose() * W * J_m));
-      }
+    const Eigen::VectorXd Wr = f.information.lazyProduct(r);  // too small for Eigen's packed kernels
+    const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = f.information.lazyProduct(J_T);
+    add(Dof(J_T.transpose().lazyProduct(WJ)));
+    gradient_.segment<G::Dof>(node_row(f.node)) -= J_T.transpose() * Wr;
+    for (std::size_t i = 0; i < f.landmarks.size(); ++i) {
+      const Eigen::Index row = G::Dim * static_cast<Eigen::Index>(i);
+      add(typename G::PointJacobian(J_m.transpose() * WJ.template middleRows<G::Dim>(row)));
+      gradient_.segment<G::Dim>(point_row(f.landmarks[i]->point)) -= J_m.transpose() * Wr.template segment<G::Dim>(row);
     }
+    for (const auto& [i, j] : shared_[k])
+      add(typename G::PointCovariance(J_m.transpose() * information(f, i, j) * J_m));
     return r.dot(Wr);
   }
 
   const Problem<G>& problem_;
   int nodes_;
-  Eigen::Index size_;
-  std::vector<Dof> prior_information_, drift_information_;
   std::vector<BatchFactor<G>> batches_;
-  std::vector<Eigen::Triplet<double>> triplets_;
+  std::vector<std::vector<Pair>> shared_;  // of each batch
+  std::vector<Dof> prior_information_, drift_information_;
+  BlockCholesky solver_;
+  std::vector<BlockCholesky::Slot> slots_;
+  const BlockCholesky::Slot* slot_ = nullptr;  // of the next add()
   Eigen::VectorXd gradient_;
 };
 
@@ -168,51 +193,50 @@ class NormalEquations {
 template <class G>
 std::unique_ptr<Map<G>> SparseMap<G>::solve(Problem<G> problem) const {
   NormalEquations<G> equations(problem);
+  BlockCholesky& solver = equations.solver();
   std::vector<G> poses;
   for (const Node<G>& node : problem.nodes) poses.push_back(node.initial);
   std::vector<typename G::Point> points = problem.points;
-  auto factor = std::make_unique<Factor>();
+  std::vector<G> moved = poses;
+  std::vector<typename G::Point> moved_points = points;
+  Eigen::VectorXd step;
   SolveReport report;
-  double chi2 = equations.linearise(poses, points, true), damping = 0.0;
-  bool ordered = false;
-  while (equations.size() > 0 && report.iterations < params_.max_iterations) {
+  double chi2 = equations.linearise(poses, points), damping = 0.0;
+  const auto damp_more = [&] { damping = damping == 0.0 ? 1e-4 : 10.0 * damping; };
+  while (solver.size() > 0 && report.iterations < params_.max_iterations && damping < 1e12) {
     ++report.iterations;
-    SparseMatrix H = equations.hessian();
-    if (!ordered) factor->analyzePattern(H);
-    ordered = true;
-    if (damping > 0.0)
-      for (Eigen::Index i = 0; i < H.rows(); ++i) H.coeffRef(i, i) *= 1.0 + damping;
-    factor->factorize(H);
-    const Eigen::VectorXd step = factor->solve(equations.gradient());
-    const double length = step.dot(equations.gradient());
-    std::vector<G> moved = poses;
-    std::vector<typename G::Point> moved_points = points;
-    for (std::size_t n = 0; n < moved.size(); ++n)
-      moved[n] = moved[n] * G::Exp(step.segment<G::Dof>(G::Dof * static_cast<Eigen::Index>(n)));
-    const Eigen::Index offset = G::Dof * static_cast<Eigen::Index>(moved.size());
-    for (std::size_t p = 0; p < moved_points.size(); ++p)
-      moved_points[p] += step.segment<G::Dim>(offset + G::Dim * static_cast<Eigen::Index>(p));
-    const double moved_chi2 = equations.linearise(moved, moved_points, false);
-    const bool converged = length < params_.convergence;
-    if (factor->info() != Eigen::Success || !(moved_chi2 <= chi2 + 1e-9 * (1.0 + chi2))) {  // uphill: damp more
-      damping = damping == 0.0 ? 1e-4 : 10.0 * damping;
-      if (damping > 1e12) break;
+    if (!solver.factor(damping).ok()) {
+      damp_more();
       continue;
     }
-    poses = std::move(moved);
-    points = std::move(moved_points);
+    step = equations.gradient();
+    solver.solve(step);
+    const bool small = step.dot(equations.gradient()) < params_.convergence;
+    for (std::size_t n = 0; n < moved.size(); ++n)
+      moved[n] = poses[n] * G::Exp(step.segment<G::Dof>(equations.node_row(static_cast<int>(n))));
+    for (std::size_t p = 0; p < moved_points.size(); ++p)
+      moved_points[p] = points[p] + step.segment<G::Dim>(equations.point_row(static_cast<int>(p)));
+    const double moved_chi2 = equations.linearise(moved, moved_points);
+    if (!(moved_chi2 <= chi2 + 1e-9 * (1.0 + chi2))) {  // uphill: back
+      damp_more();
+      equations.linearise(poses, points);
+      continue;
+    }
+    poses.swap(moved);
+    points.swap(moved_points);
+    chi2 = moved_chi2;
     damping = damping < 1e-8 ? 0.0 : 0.1 * damping;
-    chi2 = equations.linearise(poses, points, true);
-    if (converged && damping == 0.0) {
+    if (small && damping == 0.0) {
       report.converged = true;
       break;
     }
   }
-  if (equations.size() > 0) factor->factorize(equations.hessian());
+  // For the covariances. What is singular but for rounding is damped by as little as it takes.
+  for (damping = 0.0; solver.size() > 0 && !solver.factor(damping).ok() && damping < 1.0;)
+    damping = std::max(10.0 * damping, 1e-14);
   report.chi2 = chi2;
-  report.dof = equations.residuals() - static_cast<int>(equations.size());
-  auto covariances = std::make_unique<SparseCovariance<G>>(std::move(factor), equations.size(),
-                                                           static_cast<int>(problem.nodes.size()));
+  report.dof = equations.residuals() - solver.size();
+  auto covariances = std::make_unique<SparseCovariance<G>>(std::move(solver), static_cast<int>(problem.nodes.size()));
   return std::make_unique<Map<G>>(std::move(problem), std::move(poses), std::move(points), report,
                                   std::move(covariances));
 }

@@ -1,5 +1,5 @@
 // The sparse map (DESIGN B2): Gauss-Newton with Levenberg-Marquardt damping on the whole problem, iterated until it no
-// longer moves, so that the result does not depend on the way there.
+// longer moves, so that the result does not depend on the way there. Block-sparse Cholesky: src/solver/README.md.
 #pragma once
 
 #include <convoy/map/map.hpp>

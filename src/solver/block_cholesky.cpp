@@ -452,12 +452,18 @@ BlockCholesky::BlockCholesky(const BlockPattern& pattern) : sizes_(pattern.sizes
   analysis.run();
 }
 
-BlockCholesky::Slot BlockCholesky::slot(int i, int j) const {
+// Where (i, j) stands in row_blocks_, null if it does not.
+const int* BlockCholesky::find(int i, int j) const {
   const int row = std::max(i, j), column = std::min(i, j);
-  const auto begin = row_blocks_.begin() + row_starts_[index(row)],
-             end = row_blocks_.begin() + row_starts_[index(row) + 1];
-  const auto found = std::lower_bound(begin, end, column);
-  Slot slot = row_slots_[static_cast<std::size_t>(found - row_blocks_.begin())];
+  const int *begin = row_blocks_.data() + row_starts_[index(row)], *end = row_blocks_.data() + row_starts_[index(row) + 1];
+  const int* found = std::lower_bound(begin, end, column);
+  return found != end && *found == column ? found : nullptr;
+}
+
+bool BlockCholesky::in_pattern(int i, int j) const { return find(i, j) != nullptr; }
+
+BlockCholesky::Slot BlockCholesky::slot(int i, int j) const {
+  Slot slot = row_slots_[static_cast<std::size_t>(find(i, j) - row_blocks_.data())];
   // row_slots_ is for (larger, smaller): asked the other way round, the block is the other way round, too.
   if (i < j) slot.transposed = !slot.transposed;
   return slot;
@@ -650,8 +656,9 @@ void BlockCholesky::inverse_front(std::size_t s, const double* parent_front, dou
   }
 }
 
-std::vector<double> BlockCholesky::marginals() const {
-  std::vector<double> result(square_offsets_.back());
+// visit(s, front): H^-1 on the rows of every front, both triangles, leading dimension that of the front.
+template <class Visit>
+void BlockCholesky::visit_inverse(const Visit& visit) const {
   std::vector<double> stack(inverse_stack_ + 8), scratch(inverse_scratch_ + 8);
   const std::size_t count = supernodes_.size() - 1;
   // Parents before children; a front stays while its descendants are worked on.
@@ -666,13 +673,35 @@ std::vector<double> BlockCholesky::marginals() const {
     }
     double* front = stack.data() + begin[s];
     inverse_front(s, parent, front, scratch.data());
+    visit(s, front);
+  }
+}
+
+std::vector<double> BlockCholesky::marginals() const {
+  std::vector<double> result(square_offsets_.back());
+  visit_inverse([&](std::size_t s, const double* front) {
+    const Supernode& node = supernodes_[s];
     for (int c = 0; c < node.columns;) {
       const int block = block_of_row_[at(node.first + c)], size = sizes_[index(block)];
       double* to = result.data() + square_offsets_[index(block)];
       for (int k = 0; k < size; ++k, to += size) std::copy_n(front + std::ptrdiff_t(c + k) * node.ld + c, size, to);
       c += size;
     }
-  }
+  });
+  return result;
+}
+
+std::vector<double> BlockCholesky::selected_inverse() const {
+  std::vector<double> result(values_.size());
+  visit_inverse([&](std::size_t s, const double* front) {
+    const Supernode& node = supernodes_[s];
+    for (std::size_t e = node.entries_begin; e < supernodes_[s + 1].entries_begin; ++e) {
+      const Entry& entry = entries_[e];
+      const double* from = front + (entry.target - node.panel);
+      double* to = result.data() + entry.values;
+      for (int c = 0; c < entry.columns; ++c, from += node.ld, to += entry.rows) std::copy_n(from, entry.rows, to);
+    }
+  });
   return result;
 }
 

@@ -78,6 +78,7 @@ class BlockCholesky {
   /// H(i, j); (i, j) or (j, i) must be in the pattern. Values added at (i, j) are those of (j, i), transposed.
   /// log(degree).
   Slot slot(int i, int j) const;
+  bool in_pattern(int i, int j) const;
 
   void set_zero();
 
@@ -107,6 +108,15 @@ class BlockCholesky {
   /// Selected inversion (Takahashi) on the supernodes.
   std::vector<double> marginals() const;
   std::size_t marginal_offset(int block) const { return square_offsets_[index(block)]; }
+
+  /// H^-1 at every block of the pattern, for the price of marginals(). Block (i, j): in_slot(values, slot(i, j)).
+  std::vector<double> selected_inverse() const;
+  template <int Rows, int Cols>
+  static Eigen::Matrix<double, Rows, Cols> in_slot(const std::vector<double>& values, Slot slot) {
+    const double* at = values.data() + slot.offset;
+    if (slot.transposed) return Eigen::Map<const Eigen::Matrix<double, Cols, Rows>>(at).transpose();
+    return Eigen::Map<const Eigen::Matrix<double, Rows, Cols>>(at);
+  }
 
   /// Block (i, j) of H^-1, in time of the paths of i and j to the root of the elimination tree.
   Eigen::MatrixXd covariance(int i, int j) const;
@@ -143,6 +153,9 @@ class BlockCholesky {
   void extend_add(std::size_t child, const double* source, double* panel, double* update) const;
   void forward(const Supernode& node, const Supernode& next, double* x, double* scratch) const;
   void backward(const Supernode& node, const Supernode& next, double* x, double* scratch) const;
+  const int* find(int i, int j) const;
+  template <class Visit>
+  void visit_inverse(const Visit& visit) const;
   void inverse_front(std::size_t s, const double* parent_front, double* front, double* scratch) const;
 
   std::vector<int> sizes_, offsets_;

@@ -188,6 +188,44 @@ void append(std::string& text, double value) {
   text.append(buffer, end);
 }
 
+SE2 from_numbers(const std::vector<double>& v, const SE2&) { return {v[0], v[1], v[2]}; }
+SE3 from_numbers(const std::vector<double>& v, const SE3&) {
+  return {SE3::Quaternion(v[6], v[3], v[4], v[5]), {v[0], v[1], v[2]}};
+}
+std::vector<double> numbers(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
+std::vector<double> numbers(const SE3& T) {
+  const SE3::Point& t = T.translation();
+  const SE3::Quaternion& q = T.quaternion();  // w first
+  return {t.x(), t.y(), t.z(), q[1], q[2], q[3], q[0]};
+}
+
+template <class G>
+PoseGraph<G> graph_of(const G2oFile& file) {
+  PoseGraph<G> graph;
+  for (const auto& v : file.vertices) graph.poses.push_back(v.pose.empty() ? G() : from_numbers(v.pose, G()));
+  for (const auto& e : file.edges) graph.factors.push_back({e.from, e.to, from_numbers(e.measured, G()), e.information});
+  return graph;
+}
+
+template <class G>
+std::string text_of(const G2oFile& file, const std::vector<G>& poses, const std::string& tag) {
+  std::string text;
+  for (std::size_t k = 0; k < poses.size(); ++k) {
+    text += "VERTEX_" + tag + ' ' + std::to_string(file.vertices[k].id);
+    for (const double v : numbers(poses[k])) append(text, v);
+    text += '\n';
+  }
+  for (const auto& e : file.edges) {
+    text += "EDGE_" + tag + ' ' + std::to_string(file.vertices[static_cast<std::size_t>(e.from)].id) + ' ' +
+            std::to_string(file.vertices[static_cast<std::size_t>(e.to)].id);
+    for (const double v : e.measured) append(text, v);
+    for (Eigen::Index r = 0; r < e.information.rows(); ++r)
+      for (Eigen::Index c = r; c < e.information.cols(); ++c) append(text, e.information(r, c));
+    text += '\n';
+  }
+  return text;
+}
+
 }  // namespace
 
 G2oFile parse_g2o(std::string_view text, const std::string& name) { return Parser(text, name).parse(); }
@@ -200,31 +238,9 @@ G2oFile read_g2o(const std::filesystem::path& path) {
   return parse_g2o(text, path.string());
 }
 
-PoseGraph<SE2> pose_graph_se2(const G2oFile& file) {
-  PoseGraph<SE2> graph;
-  for (const auto& v : file.vertices)
-    graph.poses.push_back(v.pose.empty() ? SE2() : SE2(v.pose[0], v.pose[1], v.pose[2]));
-  for (const auto& e : file.edges)
-    graph.factors.push_back({e.from, e.to, SE2(e.measured[0], e.measured[1], e.measured[2]), e.information});
-  return graph;
-}
-
-std::string g2o_text(const G2oFile& file, const std::vector<SE2>& poses) {
-  std::string text;
-  for (std::size_t k = 0; k < poses.size(); ++k) {
-    text += "VERTEX_SE2 " + std::to_string(file.vertices[k].id);
-    for (const double v : {poses[k].translation().x(), poses[k].translation().y(), poses[k].theta()}) append(text, v);
-    text += '\n';
-  }
-  for (const auto& e : file.edges) {
-    text += "EDGE_SE2 " + std::to_string(file.vertices[static_cast<std::size_t>(e.from)].id) + ' ' +
-            std::to_string(file.vertices[static_cast<std::size_t>(e.to)].id);
-    for (const double v : e.measured) append(text, v);
-    for (Eigen::Index r = 0; r < e.information.rows(); ++r)
-      for (Eigen::Index c = r; c < e.information.cols(); ++c) append(text, e.information(r, c));
-    text += '\n';
-  }
-  return text;
-}
+PoseGraph<SE2> pose_graph_se2(const G2oFile& file) { return graph_of<SE2>(file); }
+PoseGraph<SE3> pose_graph_se3(const G2oFile& file) { return graph_of<SE3>(file); }
+std::string g2o_text(const G2oFile& file, const std::vector<SE2>& poses) { return text_of(file, poses, "SE2"); }
+std::string g2o_text(const G2oFile& file, const std::vector<SE3>& poses) { return text_of(file, poses, "SE3:QUAT"); }
 
 }  // namespace convoy

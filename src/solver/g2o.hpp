@@ -40,8 +40,15 @@ G2oFile parse_g2o(std::string_view text, const std::string& name);
 
 /// Only of a file of that dimension.
 PoseGraph<SE2> pose_graph_se2(const G2oFile& file);
+PoseGraph<SE3> pose_graph_se3(const G2oFile& file);
+template <class G>
+PoseGraph<G> pose_graph(const G2oFile& file) {
+  if constexpr (G::Dim == 2) return pose_graph_se2(file);
+  else return pose_graph_se3(file);
+}
 
-/// VERTEX_SE2 and EDGE_SE2 lines; numbers read back as the same doubles.
+/// VERTEX_ and EDGE_ lines of the poses' dimension; numbers read back as the same doubles.
 std::string g2o_text(const G2oFile& file, const std::vector<SE2>& poses);
+std::string g2o_text(const G2oFile& file, const std::vector<SE3>& poses);
 
 }  // namespace convoy

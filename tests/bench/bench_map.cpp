@@ -1,12 +1,17 @@
-// The sparse map against the paper's filter, on the same problem: two vehicles on laps beside each other, two landmarks
-// per bias, each seen by both. The filter has all covariances when it is done; the sparse map solves for what is asked.
+// The sparse map against the paper's filter and against Eigen, on the same problem: two vehicles on laps beside each
+// other, two landmarks per bias, each seen by both. The filter has all covariances when it is done; the sparse map solves
+// for what is asked. Then the whole way from facts to the map, as a fleet grows.
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/ekf_map.hpp>
+#include <convoy/map/global_map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
+#include "eigen_map.hpp"
+#include "map_fleet.hpp"
 #include "ratio.hpp"
 
 namespace {
@@ -87,5 +92,43 @@ void BM_sparse_map(benchmark::State& state) {
 }
 BENCHMARK(BM_sparse_map)->Arg(100)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_sparse_map)->Arg(300)->Arg(1000)->Iterations(1)->Unit(benchmark::kMillisecond);
+
+void BM_sparse_map_by_blocks(benchmark::State& state) {
+  const Laps laps(static_cast<int>(state.range(0)));
+  std::unique_ptr<Map<SE2>> sparse;
+  SolveReport scalar;
+  convoy::bench::against(
+      state, "Eigen SimplicialLDLT", [&] { sparse = SparseMap<SE2>().solve(laps.problem()); },
+      [&] { scalar = bench::solve_with_eigen(laps.problem()); });
+  if (std::abs(sparse->report().chi2 / scalar.chi2 - 1.0) > 1e-9) state.SkipWithError("the solutions differ");
+}
+BENCHMARK(BM_sparse_map_by_blocks)->Arg(100)->Arg(1000)->Arg(10000)->Unit(benchmark::kMillisecond);
+
+// A fleet of range(0) vehicles with 200 anchors each; the last hypotheses come one by one, and each is a rebuild.
+void BM_rebuild(benchmark::State& state) {
+  const int vehicles = static_cast<int>(state.range(0));
+  const bench::MapFleet fleet(vehicles, 200, 200 * vehicles, 2 + vehicles / 3);
+  const std::size_t rebuilds = std::min<std::size_t>(50, fleet.hypotheses.size() / 2);
+  FactStore<SE2> store = fleet.store(fleet.hypotheses.size() - rebuilds);
+  const SparseMap<SE2> backend;
+  MapBuilder<SE2> builder(SelectionParams{}, backend);
+  GlobalMap<SE2> global = builder.build(store);
+  std::vector<double> ms;
+  for (auto _ : state)
+    for (std::size_t k = rebuilds; k > 0; --k) {
+      store.insert(fleet.hypotheses[fleet.hypotheses.size() - k]);
+      const double start_s = bench::cpu_s();
+      global = builder.build(store);
+      ms.push_back(1e3 * (bench::cpu_s() - start_s));
+    }
+  std::sort(ms.begin(), ms.end());
+  state.counters["p50_ms"] = ms[ms.size() / 2];
+  state.counters["p99_ms"] = ms[ms.size() * 99 / 100];
+  state.counters["nodes"] = static_cast<double>(global.map->problem().nodes.size());
+  state.counters["classes"] = static_cast<double>(global.selection.classes.size());
+  state.counters["hypotheses"] = static_cast<double>(global.selection.hypotheses.size());
+  if (!global.map->report().converged) state.SkipWithError("the sparse map did not converge");
+}
+BENCHMARK(BM_rebuild)->Arg(1)->Arg(10)->Iterations(1)->Unit(benchmark::kMillisecond);
 
 }  // namespace

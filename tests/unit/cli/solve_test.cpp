@@ -57,16 +57,46 @@ TEST(Solve, IncrementallyToTheSameCost) {
   EXPECT_LE(incremental.at("update_ms_p99"), incremental.at("update_ms_max"));
 }
 
+TEST(Solve, SolvesInSpaceInBatchAndIncrementally) {
+  const TemporaryFolder folder;
+  const auto edge = [](int from, int to, const std::string& pose) {
+    std::string line = "EDGE_SE3:QUAT " + std::to_string(from) + ' ' + std::to_string(to) + ' ' + pose;
+    for (int r = 0; r < 6; ++r)
+      for (int c = r; c < 6; ++c) line += r == c ? " 40" : r == 0 && c == 5 ? " 3" : " 0";
+    return line + '\n';
+  };
+  const std::string quarter = " 0.01 0 0.7071067811865476 0.7070360664349868";
+  test::write(folder / "space.g2o", edge(0, 1, "1.02 0 0.1" + quarter) + edge(1, 2, "1 0.01 -0.1" + quarter) +
+                                        edge(2, 3, "0.97 0 0.05" + quarter) + edge(3, 4, "1 0 0" + quarter) +
+                                        edge(0, 4, "0 0 0 0 0 0 1"));
+  SolveOptions options;
+  options.graph = folder / "space.g2o";
+  for (const char* residual : {"g2o", "log"}) {
+    options.residual = residual;
+    std::vector<double> costs;
+    for (const bool incremental : {false, true}) {
+      options.incremental = incremental;
+      options.out = folder / (incremental ? "incremental" : "batch");
+      const SolveSummary summary = solve_graph(options);
+      EXPECT_TRUE(summary.report.converged);
+      EXPECT_LT(summary.report.final_cost, summary.report.initial_cost);
+      const nlohmann::json json = nlohmann::json::parse(read_text_file(options.out / "solve.json"));
+      EXPECT_EQ(json.at("dim"), 3);
+      EXPECT_EQ(json.at("nodes"), 5);
+      const PoseGraph<SE3> graph = pose_graph_se3(read_g2o(options.out / "solved.g2o"));
+      const auto kind = options.residual == "g2o" ? PoseResidual::g2o : PoseResidual::log;
+      costs.push_back(pose_graph_cost(kind, graph.factors, graph.poses));
+      EXPECT_NEAR(costs.back(), json.at("final_cost").get<double>(), 1e-9);
+    }
+    EXPECT_NEAR(costs[0] / costs[1], 1.0, 1e-9);
+  }
+}
+
 TEST(Solve, RefusesWhatItCannotDo) {
   const TemporaryFolder folder;
   SolveOptions options;
   options.graph = folder / "graph.g2o";
   options.out = folder / "out";
-  std::string edge = "EDGE_SE3:QUAT 0 1 1 2 3 0 0 0 1";
-  for (int r = 0; r < 6; ++r)
-    for (int c = r; c < 6; ++c) edge += r == c ? " 1" : " 0";
-  test::write(options.graph, edge + "\n");
-  EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("solving in 3-D is not built yet"));
   test::write(options.graph, "EDGE_SE2 0 2 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n");
   options.incremental = true;
   EXPECT_THAT(config_error_of([&] { solve_graph(options); }),

@@ -112,6 +112,30 @@ TEST_P(RandomMatrices, MarginalsAreTheDiagonalOfTheInverse) {
   }
 }
 
+TEST_P(RandomMatrices, TheSelectedInverseIsTheInverseWhereverTheMatrixIsNotZero) {
+  BlockCholesky solver(matrix.pattern());
+  matrix.fill(solver);
+  ASSERT_TRUE(solver.factor().ok());
+  const Eigen::MatrixXd inverse = matrix.dense.inverse();
+  const std::vector<double> values = solver.selected_inverse();
+  for (int i = 0; i < solver.blocks(); ++i)
+    for (int j = 0; j < solver.blocks(); ++j) {
+      const int rows = solver.block_size(i), columns = solver.block_size(j);
+      const auto H = matrix.dense.block(solver.offset(i), solver.offset(j), rows, columns);
+      if (!solver.in_pattern(i, j)) {
+        EXPECT_TRUE(H.isZero(0.0));
+      } else {
+        const Eigen::MatrixXd expected = inverse.block(solver.offset(i), solver.offset(j), rows, columns);
+        const auto slot = solver.slot(i, j);
+        const double* at = values.data() + slot.offset;
+        const Eigen::MatrixXd found =
+            slot.transposed ? Eigen::MatrixXd(Eigen::Map<const Eigen::MatrixXd>(at, columns, rows).transpose())
+                            : Eigen::MatrixXd(Eigen::Map<const Eigen::MatrixXd>(at, rows, columns));
+        EXPECT_LT((found - expected).norm(), 1e-9 * (1.0 + inverse.norm())) << i << " " << j;
+      }
+    }
+}
+
 TEST_P(RandomMatrices, JointCovarianceOfAnyTwo) {
   BlockCholesky solver(matrix.pattern());
   matrix.fill(solver);

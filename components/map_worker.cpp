@@ -1,0 +1,84 @@
+#include <convoy/components/map_worker.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <utility>
+#include <variant>
+
+namespace convoy {
+
+template <class G>
+MapWorker<G>::MapWorker(const SubmapManagerParams& params, std::shared_ptr<const Backend<G>> backend)
+    : backend_(std::move(backend)),
+      replica_(params.limits),
+      builder_(params.selection, *backend_),
+      thread_([this] { run(); }) {}
+
+template <class G>
+MapWorker<G>::~MapWorker() {
+  {
+    const std::lock_guard lock(mutex_);
+    stop_ = true;
+  }
+  wake_.notify_one();
+  thread_.join();
+}
+
+template <class G>
+void MapWorker<G>::start(MapOrder<G> order) {
+  {
+    const std::lock_guard lock(mutex_);
+    order_ = std::move(order);
+  }
+  ordered_ = true;
+  wake_.notify_one();
+}
+
+template <class G>
+std::optional<BuiltMap<G>> MapWorker<G>::collect() {
+  if (!ordered_) return std::nullopt;
+  const std::lock_guard lock(mutex_);
+  std::optional<BuiltMap<G>> built = std::exchange(built_, std::nullopt);
+  ordered_ = !built;
+  return built;
+}
+
+template <class G>
+void MapWorker<G>::retire(GlobalMap<G> map) {
+  {
+    const std::lock_guard lock(mutex_);
+    retired_.push_back(std::move(map));
+  }
+  wake_.notify_one();
+}
+
+template <class G>
+void MapWorker<G>::run() {
+  std::unique_lock lock(mutex_);
+  while (true) {
+    wake_.wait(lock, [this] { return stop_ || order_ || !retired_.empty(); });
+    if (stop_) return;
+    std::vector<GlobalMap<G>> retired = std::exchange(retired_, {});
+    std::optional<MapOrder<G>> order = std::exchange(order_, std::nullopt);
+    lock.unlock();
+    retired.clear();
+    std::optional<BuiltMap<G>> built;
+    if (order) built = build(std::move(*order));
+    lock.lock();
+    if (built) built_ = std::move(built);
+  }
+}
+
+template <class G>
+BuiltMap<G> MapWorker<G>::build(MapOrder<G> order) {
+  for (const AnyFact<G>& any : order.news) std::visit([&](const auto& fact) { replica_.insert(fact); }, any);
+  BuiltMap<G> built{builder_.build(replica_), order.revision};
+  // The first question for a covariance pays for all of them: here, where nobody waits for the answer.
+  for (const auto& [id, chain] : replica_.chains())
+    if (!chain.anchors.empty()) built.map.map->pose(id, chain.anchors.rbegin()->second.state);
+  return built;
+}
+
+#define CONVOY_INSTANTIATE(G) template class MapWorker<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

@@ -1,0 +1,156 @@
+// What the map must never depend on (DESIGN B4), poses and marginals to the bit, in the plane and in space.
+#include <convoy/map/global_map.hpp>
+
+#include "sample_fleet.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <set>
+
+namespace convoy {
+namespace {
+
+using test::built;
+using test::FactOf;
+using test::SampleFleetOf;
+
+template <class G>
+class Rules : public testing::Test {};
+using Groups = testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(Rules, Groups);
+
+/// Every pose of b's chains is there in a, and has the same bits, with the same marginal.
+template <class G>
+void expect_same_bits(const GlobalMap<G>& a, const GlobalMap<G>& b) {
+  ASSERT_EQ(a.map->digest(), b.map->digest());
+  ASSERT_EQ(a.map->problem().nodes.size(), b.map->problem().nodes.size());
+  EXPECT_EQ(a.selection.digest, b.selection.digest);
+  for (const Node<G>& node : a.map->problem().nodes) {
+    const auto ea = a.map->pose(node.anchor.chain, node.slam), eb = b.map->pose(node.anchor.chain, node.slam);
+    EXPECT_EQ(ea->mean.translation(), eb->mean.translation());
+    EXPECT_EQ(ea->mean.rotation(), eb->mean.rotation());
+    EXPECT_EQ(ea->covariance, eb->covariance);
+  }
+}
+
+TYPED_TEST(Rules, ArrivalInAnyOrderWithLossRecoveryAndDuplicatesEndsInTheSameMap) {
+  using G = TypeParam;
+  auto fleet = test::street_fleet<G>(21);
+  const auto reference = built(fleet.store());
+  ASSERT_GE(reference.selection.classes.size(), 20U);
+  int different = 0;
+  for (int order = 0; order < (G::Dim == 2 ? 50 : 15); ++order) {
+    auto facts = fleet.facts;
+    std::shuffle(facts.begin(), facts.end(), fleet.random().engine());
+    const auto lost = facts.begin() + static_cast<std::ptrdiff_t>(7 * facts.size() / 10);
+    FactStore<G> store;
+    const SparseMap<G> backend;
+    MapBuilder<G> builder(SelectionParams{}, backend);
+    std::for_each(facts.begin(), lost, [&](const FactOf<G>& fact) { test::insert(store, fact); });
+    const auto on_the_way = builder.build(store);
+    expect_same_bits(on_the_way, built(store));
+    different += on_the_way.map->digest() != reference.map->digest();
+    std::shuffle(lost - 20, facts.end(), fleet.random().engine());  // some twice
+    std::for_each(lost - 20, facts.end(), [&](const FactOf<G>& fact) { test::insert(store, fact); });
+    const auto in_the_end = builder.build(store);
+    ASSERT_EQ(in_the_end.facts, reference.facts);
+    expect_same_bits(in_the_end, reference);
+    if (this->HasFailure()) return;
+  }
+  EXPECT_GT(different, 0);
+}
+
+// R3 and the veto: a withdrawn hypothesis leaves no trace, and comes back as if it had never left.
+TYPED_TEST(Rules, AWithdrawnHypothesisIsOneThatNeverWas) {
+  using G = TypeParam;
+  auto fleet = test::street_fleet<G>(22);
+  const auto with = built(fleet.store());
+  FactStore<G> store = fleet.store();
+  const SparseMap<G> backend;
+  MapBuilder<G> builder(SelectionParams{}, backend);
+  expect_same_bits(builder.build(store), with);
+  int mattered = 0;
+  for (std::size_t k = 0; k < std::min<std::size_t>(4, with.selection.hypotheses.size()); ++k) {
+    const Hash id = with.selection.hypotheses[k].id;
+    std::vector<FactOf<G>> never = fleet.facts;
+    std::erase_if(never, [&](const FactOf<G>& fact) {
+      const auto* a = std::get_if<AssociationFact>(&fact);
+      return a != nullptr && hypothesis_id(a->pairings) == id;
+    });
+    fleet.judge(1, id, true);
+    test::insert(store, fleet.facts.back());
+    const auto withdrawn = builder.build(store);
+    expect_same_bits(withdrawn, built(SampleFleetOf<G>::store_of(never)));
+    mattered += withdrawn.map->digest() != with.map->digest();
+    fleet.judge(1, id, false);
+    test::insert(store, fleet.facts.back());
+    expect_same_bits(builder.build(store), with);
+  }
+  EXPECT_GT(mattered, 0);
+}
+
+TYPED_TEST(Rules, WhatIsNotAssociatedChangesNoMarginal) {
+  using G = TypeParam;
+  auto fleet = test::street_fleet<G>(23);
+  const auto before = built(fleet.store());
+  fleet.stop(1, test::on_the_street<G>(75.0, 2.0, 0.1));  // a batch that nobody associates
+  const auto after = built(fleet.store());
+  EXPECT_NE(after.facts, before.facts);
+  expect_same_bits(before, after);
+}
+
+// R5: an epoch shares nothing with the one before, not even the frame.
+TYPED_TEST(Rules, ARestartSharesNothingWithTheEpochBefore) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(24);
+  const auto before = built(fleet.store());
+  auto facts = fleet.facts;
+  const ChainId old = test::chain_of(2), restarted{2, test::epoch + 1};
+  for (const FactOf<G>& fact : fleet.facts)
+    std::visit(
+        [&](auto again) {
+          if (again.key.chain != old) return;
+          again.key.chain = restarted;
+          if constexpr (std::is_same_v<decltype(again), PriorFact<G>>) again = {again.key, false, G()};
+          if constexpr (!std::is_same_v<decltype(again), AssociationFact>) facts.emplace_back(again);
+        },
+        fact);
+  const auto after = built(SampleFleetOf<G>::store_of(facts));
+  EXPECT_FALSE(after.map->aligned(restarted));
+  EXPECT_TRUE(after.map->aligned(old));
+  for (const DriftFactor<G>& f : after.map->problem().drifts)
+    EXPECT_EQ(after.map->problem().nodes[static_cast<std::size_t>(f.a)].anchor.chain,
+              after.map->problem().nodes[static_cast<std::size_t>(f.b)].anchor.chain);
+  std::map<Key, G> moved;
+  for (std::size_t n = 0; n < after.map->poses().size(); ++n)
+    moved[after.map->problem().nodes[n].anchor] = after.map->poses()[n];
+  for (std::size_t n = 0; n < before.map->poses().size(); ++n)
+    EXPECT_LT((before.map->poses()[n].inverse() * moved.at(before.map->problem().nodes[n].anchor)).Log().norm(), 1e-9);
+}
+
+// R2 and R3: who states a pair, how often, in which orientation, and as what part of which list does not matter: every
+// landmark is one factor of its class.
+TYPED_TEST(Rules, EveryFrozenLandmarkIsOneFactorHoweverOftenItIsPaired) {
+  using G = TypeParam;
+  auto fleet = test::street_fleet<G>(25);
+  const auto once = built(fleet.store());
+  std::vector<AssociationFact> stated;
+  for (const FactOf<G>& fact : fleet.facts)
+    if (const auto* a = std::get_if<AssociationFact>(&fact)) stated.push_back(*a);
+  for (const AssociationFact& a : stated) {
+    auto turned = a.pairings;
+    for (Pairing& p : turned) std::swap(p.first, p.second);
+    fleet.associate(1, canonical(turned));
+  }
+  const auto often = built(fleet.store());
+  expect_same_bits(once, often);
+  std::set<Key> seen;
+  for (const LandmarkFactor<G>& f : often.map->problem().landmarks) EXPECT_TRUE(seen.insert(f.landmark).second);
+  std::size_t members = 0;
+  for (const auto& c : often.selection.classes) members += c.size();
+  EXPECT_EQ(seen.size(), members);
+}
+
+}  // namespace
+}  // namespace convoy
