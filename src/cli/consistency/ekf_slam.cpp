@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <set>
 #include <stdexcept>
 
 #include "consistency/draw.hpp"
@@ -34,7 +35,9 @@ class Driver {
  public:
   Driver(const EkfSlamParams& params, std::uint64_t seed, int run)
       : p_(params), draw_(seed, static_cast<std::uint32_t>(run), 20),
-        points_(points_along<SE2>(p_.path, p_.landmarks_per_metre, p_.landmark_spacing_m, draw_)) {}
+        points_(points_along<SE2>(p_.path, p_.landmarks_per_metre, p_.landmark_spacing_m, draw_)) {
+    if (p_.repeat_m > 0.0) repeat();
+  }
 
   SlamRun::Vehicle drive(int v) {
     SlamRun::Vehicle vehicle;
@@ -59,6 +62,16 @@ class Driver {
   }
 
  private:
+  // What stands along the first `repeat_m` of a straight stands along each further such length.
+  void repeat() {
+    std::vector<Eigen::Vector2d> pattern;
+    for (const Eigen::Vector2d& p : points_)
+      if (p.x() < p_.repeat_m) pattern.push_back(p);
+    points_.clear();
+    for (double x = 0.0; x < distinct_length_m(p_.path); x += p_.repeat_m)
+      for (const Eigen::Vector2d& p : pattern) points_.emplace_back(p.x() + x, p.y());
+  }
+
   double odometry_speed() {
     const double sigma = p_.noise * p_.sigma_along_per_sqrt_m * std::sqrt(step_m);
     return (step_m + sigma * draw_.normal()) / (1.0 + p_.scale_error) * speed_mps / step_m;
@@ -213,8 +226,14 @@ RunSample judge_ekf_slam(const SlamRun& run, const EkfSlamParams& params, const 
       return facts.thing_of.at(key) != facts.thing_of.at(members.front());
     });
   std::set<Hash> accepted;
-  for (const auto& h : built.selection.hypotheses)
-    if (h.state == HypothesisState::accepted) accepted.insert(h.id);
+  std::set<ChainId> linked;
+  for (const auto& h : built.selection.hypotheses) {
+    if (h.state != HypothesisState::accepted) continue;
+    accepted.insert(h.id);
+    if (h.batch_a.chain != h.batch_b.chain) linked.insert({h.batch_a.chain, h.batch_b.chain});
+  }
+  sample.unlinked = params.vehicles > 1 && static_cast<int>(linked.size()) < params.vehicles;
+  if (sample.unlinked) sample.distance_errors_m.clear();
   sample.true_stated = static_cast<int>(facts.true_sets.size());
   sample.false_stated = static_cast<int>(facts.false_sets.size());
   for (const Hash id : facts.true_sets) sample.true_dropped += accepted.count(id) ? 0 : 1;

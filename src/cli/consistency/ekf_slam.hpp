@@ -32,6 +32,7 @@ struct EkfSlamParams {
   double loss = 0.0;                  ///< share of messages (an anchor, a batch, an association) that never arrive
   double start_sigma_m = 9.0, start_sigma_rad = 0.3;  ///< static bias of the second vehicle on
   double gap_m = 20.0;
+  double repeat_m = 0.0;              ///< > 0: the street looks the same again after this length
   double landmarks_per_metre = 0.4, landmark_spacing_m = 2.0;
 };
 

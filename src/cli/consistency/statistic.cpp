@@ -119,6 +119,7 @@ Summary summarise(const std::vector<RunSample>& runs, int dof, double covariance
     s.true_stated += run.true_stated;
     s.true_dropped += run.true_dropped;
     s.false_stated += run.false_stated;
+    s.unlinked_runs += run.unlinked ? 1 : 0;
   }
   const double n = std::max(1, all.count);
   s.anees = all.nees / n / dof;

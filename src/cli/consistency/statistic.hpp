@@ -24,7 +24,8 @@ struct PoseSample {
 /// One run under one model.
 struct RunSample {
   std::vector<PoseSample> poses;
-  std::vector<double> distance_errors_m;  ///< between vehicles at the same step
+  std::vector<double> distance_errors_m;  ///< between vehicles at the same step, once they have recognised each other
+  bool unlinked = false;                  ///< a vehicle that the map ties to no other
   int false_fusions = 0;                  ///< classes of the final map that hold different things
   int true_stated = 0, true_dropped = 0;  ///< hypotheses that are right, and those of them that the map left out
   int false_stated = 0;                   ///< hypotheses that are wrong
@@ -70,6 +71,7 @@ struct Summary {
   double distance_rmse_m = 0.0;  ///< NaN with one vehicle
   double band_low = 0.0, band_high = 0.0;
   int false_fusions = 0, true_stated = 0, true_dropped = 0, false_stated = 0;
+  int unlinked_runs = 0;
   std::vector<CurvePoint> curve;
 };
 
