@@ -7,6 +7,7 @@
 
 #include <cstdio>
 
+#include "consistency/suite.hpp"
 #include "demo.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
@@ -75,6 +76,13 @@ int main(int argc, char** argv) {
   solve_command->add_option("--residual", solve.residual, "g2o (R^T dt, dtheta) or log (group logarithm; default: g2o)")
       ->check(CLI::IsMember({"g2o", "log"}));
   solve_command->callback([&] { status = cli::run_solve(solve); });
+
+  cli::consistency::ConsistencyOptions consistency;
+  auto* consistency_command = app.add_subcommand("consistency", "Measure by Monte Carlo whether the estimator is consistent");
+  consistency_command->add_option("--runs", consistency.runs, "runs of each scenario (default: 200)")->check(CLI::Range(2, 100000));
+  consistency_command->add_option("--seed", consistency.seed, "seed of all draws (default: 1)");
+  consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")->required();
+  consistency_command->callback([&] { status = cli::consistency::run_consistency(consistency); });
 
   try {
     app.parse(argc, argv);

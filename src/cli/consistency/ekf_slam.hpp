@@ -1,0 +1,61 @@
+// Sensors simulated, everything behind them real: RangeBearingEkf, drift model, facts, associate(), global map. Planar, as the
+// front end is.
+#pragma once
+
+#include <convoy/association/associate.hpp>
+#include <convoy/drift/drift_model.hpp>
+#include <convoy/frontend/range_bearing_ekf.hpp>
+#include <convoy/map/global_map.hpp>
+
+#include <cstdint>
+#include <map>
+#include <vector>
+
+#include "consistency/paths.hpp"
+#include "consistency/statistic.hpp"
+
+namespace convoy::cli::consistency {
+
+struct EkfSlamParams {
+  Path path = Path::loop;
+  int vehicles = 2;
+  double noise = 1.0;  ///< factor on the sensors' standard deviations, which the front end is told
+  // Sensor noise, one standard deviation; the front end is told.
+  double sigma_along_per_sqrt_m = 0.05;
+  double sigma_heading_per_sqrt_m = 0.004;  ///< 0.23 deg over a metre
+  double sigma_range_m = 0.3;
+  double sigma_bearing_rad = 0.0087;        ///< 0.5 deg
+  // Violations: the front end is not told.
+  double scale_error = 0.0;           ///< true distance per metre of odometry, minus 1
+  double gyro_bias_rad_per_m = 0.0;
+  double outliers = 0.0;              ///< share of sightings with a range and bearing of nothing
+  double loss = 0.0;                  ///< share of messages (an anchor, a batch, an association) that never arrive
+  double start_sigma_m = 9.0, start_sigma_rad = 0.3;  ///< static bias of the second vehicle on
+  double gap_m = 20.0;
+  double repeat_m = 0.0;              ///< > 0: the street looks the same again after this length
+  double landmarks_per_metre = 0.4, landmark_spacing_m = 2.0;
+};
+
+/// What the vehicles' own SLAMs said in one run, and the truth.
+struct SlamRun {
+  struct Vehicle {
+    std::vector<FrontEndState<SE2>> states;  ///< as the filter said them while driving
+    std::vector<std::pair<std::size_t, Segment<SE2>>> segments;  ///< each closed before states[first]
+    std::vector<SE2> truth;                  ///< at the closing of each segment
+    SE2 T_start;
+    PriorFact<SE2> start;
+  };
+  std::vector<Vehicle> vehicles;
+};
+
+SlamRun drive_ekf_slam(const EkfSlamParams& params, std::uint64_t seed, int run);
+
+/// The vehicles' anchors with the SLAM's own covariance and nothing else: the raw SLAM.
+std::vector<TrueTrack<SE2>> raw_tracks(const SlamRun& run);
+
+/// The facts that the run amounts to under `drift`; every pair of batches through associate(); the global map of `backend`.
+/// Of the facts, the share `params.loss` is not there.
+RunSample judge_ekf_slam(const SlamRun& run, const EkfSlamParams& params, const DriftParams<SE2>& drift,
+                         const Backend<SE2>& backend, std::uint64_t seed, int index);
+
+}  // namespace convoy::cli::consistency

@@ -1,0 +1,390 @@
+#include "consistency/suite.hpp"
+
+#include <convoy/config_error.hpp>
+#include <convoy/map/ekf_map.hpp>
+#include <convoy/map/sparse_map.hpp>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+
+#include "consistency/ekf_slam.hpp"
+#include "consistency/exact_model.hpp"
+#include "consistency/literal_fit.hpp"
+#include "consistency/page.hpp"
+#include "consistency/parallel.hpp"
+#include "report/svg_plot.hpp"
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli::consistency {
+namespace {
+
+constexpr std::uint64_t calibration_offset = 1'000'003;
+constexpr int calibration_runs = 40;
+
+std::string percent(double share) { return fixed(100.0 * share, 1) + " %"; }
+
+std::string noise_words(double noise) {
+  return noise == 1.0 ? std::string() : ", noise x " + fixed(noise, noise == 0.25 ? 2 : noise < 1.0 ? 1 : 0);
+}
+
+std::string vehicle_words(int vehicles) {
+  return std::to_string(vehicles) + (vehicles == 1 ? " vehicle" : " vehicles");
+}
+
+std::string interval_words(const Summary& s) {
+  return "ANEES " + fixed(s.anees, 3) + " (" + fixed(s.anees_low, 3) + " to " + fixed(s.anees_high, 3) + ")";
+}
+
+// The suite as it grows.
+class Suite {
+ public:
+  explicit Suite(const ConsistencyOptions& options) : start_(std::chrono::steady_clock::now()) {
+    if (options.runs < 2) throw ConfigError("--runs " + std::to_string(options.runs) + ": an average takes two runs or more");
+    result_.options = options;
+    result_.calibration_seed = options.seed + calibration_offset;
+  }
+
+  ConsistencyResult measure() {
+    exact_part<SE2>();
+    exact_part<SE3>();
+    ekf_slam_part();
+    false_association_part();
+    return std::move(result_);
+  }
+
+ private:
+  int runs() const { return result_.options.runs; }
+  std::uint64_t seed() const { return result_.options.seed; }
+
+  const Row& add(Row row) {
+    result_.rows.push_back(std::move(row));
+    const Row& r = result_.rows.back();
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    if (result_.options.progress && seconds > 2.0) {
+      std::printf("%6.1f s  %d-D %s, %s, %s: ANEES %.3f, coverage %.3f\n", seconds, r.dim, r.simulator.c_str(),
+                  r.scenario.c_str(), r.model.c_str(), r.summary.anees, r.summary.coverage95);
+      std::fflush(stdout);
+    }
+    return r;
+  }
+
+  // ---- facts drawn from the model
+
+  template <class G>
+  std::vector<RunSample> exact_samples(const ExactModelParams& params, const DriftParams<G>& drift,
+                                       const Backend<G>& backend) {
+    return each_run(runs(), [&](int run) { return judge_stated(draw_exact_fleet(params, drift, seed(), run), backend); });
+  }
+
+  static std::string scenario_of(const ExactModelParams& p) {
+    return to_string(p.path) + ", " + vehicle_words(p.vehicles) + noise_words(p.noise);
+  }
+
+  template <class G>
+  void exact_part() {
+    std::vector<Summary> judged, low, high;
+    for (const ExactModelParams& params : exact_scenarios()) {
+      const auto samples = exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>());
+      judged.push_back(summarise(samples, G::Dof, 1.0, seed()));
+      low.push_back(summarise(samples, G::Dof, 0.7, seed()));
+      high.push_back(summarise(samples, G::Dof, 1.5, seed()));
+      add({"local, sparse map", G::Dim, "exact model", scenario_of(params), judged.back(), true,
+           "Facts drawn from the model: what is computed rightly is consistent."});
+    }
+    const std::string dim = std::to_string(G::Dim) + "-D";
+    demand_exact(dim, exact_verdict(judged));
+    control(dim + " covariance x 0.7", exact_verdict(low));
+    control(dim + " covariance x 1.5", exact_verdict(high));
+    exact_baselines<G>(dim);
+    far_with_full_drift<G>(dim);
+  }
+
+  static std::vector<ExactModelParams> exact_scenarios() {
+    std::vector<ExactModelParams> list;
+    const auto scenario = [&](Path path, int vehicles, double noise) {
+      ExactModelParams p;
+      p.path = path;
+      p.vehicles = vehicles;
+      p.noise = noise;
+      list.push_back(p);
+    };
+    for (const int vehicles : {1, 2}) {
+      scenario(Path::straight, vehicles, 1.0);
+      scenario(Path::loop, vehicles, 1.0);
+      scenario(Path::figure_eight, vehicles, 1.0);
+      scenario(Path::far_origin, vehicles, 0.25);
+    }
+    scenario(Path::loop, 5, 1.0);
+    scenario(Path::loop, 2, 0.5);
+    scenario(Path::loop, 2, 2.0);
+    return list;
+  }
+
+  void demand_exact(const std::string& dim, const ExactVerdict& v) {
+    result_.demands.push_back({dim + " exact model: ANEES in the 95 % band", ">= 90 % of the steps",
+                               percent(v.steps_in_band) + " of " + std::to_string(v.steps) + " steps",
+                               v.steps_in_band >= 0.90, true, ""});
+    result_.demands.push_back({dim + " exact model: poses within their 95 % ellipsoid", "93 to 97 %", percent(v.coverage95),
+                               v.coverage95 >= 0.93 && v.coverage95 <= 0.97, true, ""});
+  }
+
+  void control(const std::string& what, const ExactVerdict& v) {
+    result_.controls.push_back({what,
+                                "ANEES " + fixed(v.anees, 3) + ", " + percent(v.steps_in_band) + " of the steps in band, coverage " +
+                                    percent(v.coverage95),
+                                !v.consistent()});
+  }
+
+  // The same loop and the same draws under the other models.
+  template <class G>
+  void exact_baselines(const std::string& dim) {
+    const ExactModelParams params;
+    const std::string scenario = scenario_of(params);
+    const auto row = [&](const char* model, const std::vector<RunSample>& samples, const char* remark) {
+      return add({model, G::Dim, "exact model", scenario, summarise(samples, G::Dof, 1.0, seed()), false, remark}).summary;
+    };
+    const DriftParams<G> local = matching_drift<G>(params, DriftModel::local);
+    row("raw SLAM", each_run(runs(), [&](int run) { return judge_raw(draw_exact_fleet(params, local, seed(), run).tracks); }),
+        "Each vehicle alone, behind its static bias: honest, and nothing is gained from meeting.");
+    row("local, EKF map", exact_samples(params, local, EkfMap<G>()),
+        "One linearisation around a start 22 m and 0.3 rad wide, and landmarks of a batch taken as independent.");
+    const DriftParams<G> literal = matching_drift<G>(params, DriftModel::literal);
+    const Summary s = row("literal, sparse map", exact_samples(params, literal, SparseMap<G>()),
+                          "The paper's additive bias with the true rates: overconfident where the loop closes.");
+    control(dim + " literal model on the loop", exact_verdict({s}));
+    row("literal, EKF map", exact_samples(params, literal, EkfMap<G>()), "The paper's own method.");
+    std::vector<TrueTrack<G>> tracks;
+    for (int run = 0; run < calibration_runs; ++run)
+      for (auto& track : draw_exact_fleet(params, local, result_.calibration_seed, run).tracks) tracks.push_back(std::move(track));
+    row("literal, fitted noise, sparse map", exact_samples(params, fit_literal(tracks), SparseMap<G>()),
+        "The additive bias with the constant covariance that fits 40 other runs of this very path best.");
+  }
+
+  template <class G>
+  void far_with_full_drift(const std::string& dim) {
+    ExactModelParams params;
+    params.path = Path::far_origin;
+    params.vehicles = 1;
+    const Summary s = summarise(exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>()), G::Dof,
+                                1.0, seed());
+    add({"local, sparse map", G::Dim, "exact model", scenario_of(params), s, true,
+         "1.2 km without meeting anything: the heading has drifted so far that a covariance of first order no longer "
+         "describes the error."});
+    const ExactVerdict v = exact_verdict({s});
+    result_.demands.push_back({dim + " exact model, 1 km of full drift: ANEES in the 95 % band", ">= 90 % of the steps",
+                               percent(v.steps_in_band) + ", " + interval_words(s) + ", coverage " + percent(v.coverage95),
+                               v.consistent(), false,
+                               "second order in the heading drift (0.06 rad after 1 km); a quarter of the noise on the "
+                               "same path is in the table above"});
+  }
+
+  // ---- sensors simulated, the rest real
+
+  struct SlamScenario {
+    std::string name;
+    EkfSlamParams params;
+    bool all_models;
+    bool of_verdict;
+    int max_runs = 1'000'000;
+  };
+
+  static std::vector<SlamScenario> slam_scenarios() {
+    EkfSlamParams loop, eight, scale, outliers, lost, recovered, repeated;
+    eight.path = Path::figure_eight;
+    scale.scale_error = 0.01;
+    scale.gyro_bias_rad_per_m = 2e-4;
+    outliers.outliers = 0.02;
+    lost.loss = 0.3;
+    recovered.loss = 0.15;
+    repeated.path = Path::straight;
+    repeated.repeat_m = 20.0;
+    return {{"loop, 2 vehicles", loop, true, true},
+            {"loop, 2 vehicles, 1 % scale and 0.2 mrad/m yaw untold", scale, true, true},
+            {"figure-eight, 2 vehicles", eight, false, true},
+            {"loop, 2 vehicles, 2 % outlier sightings", outliers, false, false},
+            {"loop, 2 vehicles, 30 % of the messages lost", lost, false, false},
+            {"loop, 2 vehicles, 30 % lost and half of them recovered", recovered, false, false},
+            {"straight street that repeats every 20 m, 2 vehicles", repeated, false, false, 40}};
+  }
+
+  void ekf_slam_part() {
+    for (const SlamScenario& scenario : slam_scenarios()) {
+      const int count = std::min(runs(), scenario.max_runs);
+      const auto driven =
+          each_run(count, [&](int run) { return drive_ekf_slam(scenario.params, seed(), run); });
+      const auto row = [&](const char* model, const std::vector<RunSample>& samples, bool ours, const char* remark) {
+        return add({model, 2, "EKF-SLAM", scenario.name, summarise(samples, SE2::Dof, 1.0, seed()), ours, remark}).summary;
+      };
+      const auto judged = [&](const DriftParams<SE2>& drift, const Backend<SE2>& backend) {
+        return each_run(count, [&](int run) {
+          return judge_ekf_slam(driven[static_cast<std::size_t>(run)], scenario.params, drift, backend, seed(), run);
+        });
+      };
+      row("raw SLAM", each_run(count, [&](int run) { return judge_raw(raw_tracks(driven[static_cast<std::size_t>(run)])); }),
+          false, "Each vehicle's filter in its own start frame, behind its static bias.");
+      demand_ekf_slam(scenario, row("local, sparse map", judged({}, SparseMap<SE2>()), true, "What ships, with its defaults."));
+      if (!scenario.all_models) continue;
+      DriftParams<SE2> literal;
+      literal.model = DriftModel::literal;
+      row("literal, sparse map", judged(literal, SparseMap<SE2>()), false, "The paper's additive bias, default rates.");
+      row("literal, EKF map", judged(literal, EkfMap<SE2>()), false, "The paper's own method.");
+      row("literal, fitted noise, sparse map", judged(fitted(scenario.params), SparseMap<SE2>()), false,
+          "The additive bias with the constant covariance that fits 40 other runs of this path best.");
+      row("local, EKF map", judged({}, EkfMap<SE2>()), false, "Our drift model in the paper's filter.");
+    }
+  }
+
+  DriftParams<SE2> fitted(const EkfSlamParams& params) {
+    const auto calibration = each_run(
+        calibration_runs, [&](int run) { return raw_tracks(drive_ekf_slam(params, result_.calibration_seed, run)); });
+    std::vector<TrueTrack<SE2>> tracks;
+    for (const auto& run : calibration) tracks.insert(tracks.end(), run.begin(), run.end());
+    return fit_literal(tracks);
+  }
+
+  void demand_ekf_slam(const SlamScenario& scenario, const Summary& s) {
+    const std::string what = "EKF-SLAM, " + scenario.name + ": ";
+    const char* guessed = "a place that looks the same one period on is taken for the same";
+    const char* reason = scenario.params.repeat_m > 0.0 ? guessed
+                         : s.anees < 0.6 ? "the stated covariance is larger than the error, on the safe side" : "";
+    result_.demands.push_back({what + "ANEES with the defaults", "0.6 to 1.15", interval_words(s),
+                               s.anees >= 0.6 && s.anees <= 1.15, scenario.of_verdict, reason});
+    result_.demands.push_back(
+        {what + "coverage", ">= 94 %", percent(s.coverage95), s.coverage95 >= 0.94, scenario.of_verdict, reason});
+    if (scenario.params.repeat_m == 0.0)  // there, not to recognise each other is right
+      result_.demands.push_back({what + "runs in which the vehicles never recognise each other", "0",
+                               std::to_string(s.unlinked_runs) + " of " + std::to_string(s.runs),
+                               s.unlinked_runs == 0, false, scenario.params.loss > 0.0 ? "what was lost never came" :
+                               "a start that lies beyond 99 % of its static bias is taken for a false association"});
+    if (scenario.params.repeat_m == 0.0)
+      result_.demands.push_back({what + "distance between vehicles that have, RMSE", "<= 0.15 m",
+                                 fixed(s.distance_rmse_m, 3) + " m", s.distance_rmse_m <= 0.15, scenario.of_verdict, ""});
+    result_.demands.push_back({what + "classes that join different things", "0", std::to_string(s.false_fusions),
+                               s.false_fusions == 0, false, reason});
+  }
+
+  // ---- associations that are geometrically perfect and wrong
+
+  void false_association_part() {
+    for (const bool agreeing : {false, true}) {
+      ExactModelParams params;
+      params.aliases = agreeing ? 1 : 3;
+      params.alias_places = agreeing ? 3 : 1;
+      const DriftParams<SE2> drift = matching_drift<SE2>(params, DriftModel::local);
+      const auto samples = each_run(runs(), [&](int run) {
+        return judge_global_map(draw_exact_fleet(params, drift, seed(), run), SparseMap<SE2>());
+      });
+      const std::string scenario = agreeing ? "loop, a stretch of the street repeated: false sets that agree"
+                                            : "loop, places that look alike: independent false sets";
+      const Summary s = add({"local, sparse map", 2, "exact model", scenario, summarise(samples, SE2::Dof, 1.0, seed()), true,
+                             "False sets of pairs are geometrically perfect copies and stated beside the true ones."})
+                            .summary;
+      const std::string share = std::to_string(s.true_dropped) + " of " + std::to_string(s.true_stated) + " (" +
+                                percent(s.true_dropped / std::max(1.0, static_cast<double>(s.true_stated))) + ")";
+      result_.demands.push_back({scenario + ": false fusions", "0",
+                                 std::to_string(s.false_fusions) + " of " + std::to_string(s.false_stated),
+                                 s.false_fusions == 0, false, ""});
+      result_.demands.push_back({scenario + ": true sets dropped", "<= 2 %", share,
+                                 s.true_dropped <= 0.02 * s.true_stated, false,
+                                 "the set that contradicts the map most is dropped first; while a false one is in the map, "
+                                 "that may be a true one"});
+    }
+  }
+
+  std::chrono::steady_clock::time_point start_;
+  ConsistencyResult result_;
+};
+
+}  // namespace
+
+ExactVerdict exact_verdict(const std::vector<Summary>& scenarios) {
+  ExactVerdict v;
+  double in_band = 0.0, inside = 0.0, nees = 0.0, weight = 0.0;
+  for (const Summary& s : scenarios) {
+    v.steps += s.steps;
+    in_band += s.steps_in_band * s.steps;
+    const double poses = static_cast<double>(s.steps) * s.runs;
+    inside += s.coverage95 * poses;
+    nees += s.anees * poses;
+    weight += poses;
+  }
+  if (v.steps == 0) return v;
+  v.steps_in_band = in_band / v.steps;
+  v.coverage95 = inside / weight;
+  v.anees = nees / weight;
+  return v;
+}
+
+bool ConsistencyResult::pass() const {
+  return std::all_of(demands.begin(), demands.end(), [](const Demand& d) { return d.met || !d.of_verdict; }) &&
+         std::all_of(controls.begin(), controls.end(), [](const Control& c) { return c.failed; });
+}
+
+bool ConsistencyResult::all_met() const {
+  return pass() && std::all_of(demands.begin(), demands.end(), [](const Demand& d) { return d.met; });
+}
+
+ConsistencyResult measure_consistency(const ConsistencyOptions& options) { return Suite(options).measure(); }
+
+nlohmann::ordered_json to_json(const ConsistencyResult& result) {
+  using json = nlohmann::ordered_json;
+  json out{{"runs", result.options.runs},
+           {"seed", result.options.seed},
+           {"calibration_seed", result.calibration_seed},
+           {"bootstrap_seed", result.options.seed},
+           {"pass", result.pass()},
+           {"all_met", result.all_met()}};
+  for (const Row& row : result.rows) {
+    const Summary& s = row.summary;
+    json distance = s.distance_rmse_m;
+    if (!std::isfinite(s.distance_rmse_m)) distance = nullptr;
+    out["rows"].push_back(json{{"model", row.model},
+                               {"dim", row.dim},
+                               {"simulator", row.simulator},
+                               {"scenario", row.scenario},
+                               {"runs", s.runs},
+                               {"anees", s.anees},
+                               {"anees_low", s.anees_low},
+                               {"anees_high", s.anees_high},
+                               {"steps_in_band", s.steps_in_band},
+                               {"coverage95", s.coverage95},
+                               {"pos_rmse_m", s.pos_rmse_m},
+                               {"distance_rmse_m", distance},
+                               {"false_fusions", s.false_fusions},
+                               {"true_dropped", s.true_dropped},
+                               {"true_stated", s.true_stated},
+                               {"false_stated", s.false_stated},
+                               {"unlinked_runs", s.unlinked_runs}});
+  }
+  for (const Demand& d : result.demands)
+    out["demands"].push_back(json{{"what", d.what},
+                                  {"asked", d.asked},
+                                  {"measured", d.measured},
+                                  {"met", d.met},
+                                  {"of_verdict", d.of_verdict}});
+  for (const Control& c : result.controls)
+    out["controls"].push_back(json{{"what", c.what}, {"measured", c.measured}, {"failed_as_it_must", c.failed}});
+  return out;
+}
+
+int run_consistency(const ConsistencyOptions& options) {
+  const ConsistencyResult result = measure_consistency(options);
+  write_text_file(options.out / "consistency.json", to_json(result).dump(2) + "\n");
+  write_text_file(options.out / "consistency.html", consistency_page(result));
+  std::printf("seed %llu, calibration seed %llu, %d runs per scenario\n",
+              static_cast<unsigned long long>(options.seed), static_cast<unsigned long long>(result.calibration_seed),
+              options.runs);
+  for (const Demand& d : result.demands)
+    std::printf("%s  %s: %s (asked: %s)\n", d.met ? "met " : "MISS", d.what.c_str(), d.measured.c_str(), d.asked.c_str());
+  for (const Control& c : result.controls)
+    std::printf("%s  control %s: %s\n", c.failed ? "fails, as it must" : "PASSES, AND MUST NOT", c.what.c_str(),
+                c.measured.c_str());
+  std::printf("%s; %s\n",
+              result.pass() ? "consistent: the model passes and every control fails" : "NOT consistent: see above",
+              (options.out / "consistency.html").c_str());
+  return result.pass() ? 0 : 1;
+}
+
+}  // namespace convoy::cli::consistency

@@ -1,0 +1,75 @@
+// `convoy consistency`: is the estimator consistent? Measured by Monte Carlo, in the plane and in space, against baselines and
+// against negative controls that must fail (DESIGN B8).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "consistency/statistic.hpp"
+
+namespace convoy::cli::consistency {
+
+struct ConsistencyOptions {
+  int runs = 200;          ///< of each scenario, >= 2
+  std::uint64_t seed = 1;  ///< run i of a scenario draws from (seed, i); calibration from another seed
+  std::filesystem::path out;  ///< folder; gets consistency.json and consistency.html
+  bool progress = true;    ///< one line per scenario to stdout once it takes longer than two seconds
+};
+
+/// One model on one scenario.
+struct Row {
+  std::string model;      ///< what estimates: "local, sparse map", "raw SLAM", ...
+  int dim = 2;
+  std::string simulator;  ///< "exact model" or "EKF-SLAM"
+  std::string scenario;
+  Summary summary;
+  bool ours = false;      ///< the shipped estimator: judged; else a baseline beside it
+  std::string remark;     ///< one sentence
+};
+
+/// Something that is asked for, and what was measured. One that is not met is a miss and is called so.
+struct Demand {
+  std::string what, asked, measured;
+  bool met = false;
+  bool of_verdict = true;  ///< part of the verdict "consistent"; else shown beside it
+  std::string reason;      ///< why a miss is one, where it is known
+};
+
+/// A wrong covariance or model, put to the test that the right one has to pass.
+struct Control {
+  std::string what, measured;
+  bool failed = false;  ///< as it must
+};
+
+struct ConsistencyResult {
+  ConsistencyOptions options;
+  std::uint64_t calibration_seed = 0;
+  std::vector<Row> rows;
+  std::vector<Demand> demands;
+  std::vector<Control> controls;
+  bool pass() const;         ///< the model meets every demand of the verdict, and every control fails it
+  bool all_met() const;      ///< no miss at all
+};
+
+/// The steps of an exact-model simulator are in their band at 90 % of the steps or more, and 93 to 97 % of the poses within
+/// their 95 % ellipsoid: the test that the model must pass and the controls must fail.
+struct ExactVerdict {
+  double steps_in_band = 0.0, coverage95 = 0.0, anees = 0.0;
+  int steps = 0;
+  bool consistent() const { return steps_in_band >= 0.90 && coverage95 >= 0.93 && coverage95 <= 0.97; }
+};
+/// All scenarios together, each step and each pose counted alike.
+ExactVerdict exact_verdict(const std::vector<Summary>& scenarios);
+
+/// Runs everything. Deterministic in its options. Throws ConfigError.
+ConsistencyResult measure_consistency(const ConsistencyOptions& options);
+
+nlohmann::ordered_json to_json(const ConsistencyResult& result);
+
+/// Measures, writes and prints. Returns 0 if the suite passes, 1 if not. Throws ConfigError.
+int run_consistency(const ConsistencyOptions& options);
+
+}  // namespace convoy::cli::consistency
