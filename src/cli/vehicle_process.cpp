@@ -77,7 +77,7 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
   const bool starts_now = config.sensors.start_unix_s == 0.0;
   const double start_s = starts_now ? unix_now_s() : config.sensors.start_unix_s;
   const auto clock = [&] { return (unix_now_s() - start_s) * config.sensors.rate; };
-  if (clock() > events.back().t_s)
+  if (!starts_now && clock() > events.back().t_s)
     throw ConfigError(config.file.string() + ": the sensor log ended before this start (start_unix_s lies in the past); " +
                       "give --now to drive it from its beginning, and --out FOLDER to keep what an earlier run left");
   VehicleOutput output(config.output_folder);

@@ -65,10 +65,23 @@ std::uint64_t udp_datagrams() {
   return figure[3];
 }
 
+std::string text_of(const char* path) {
+  std::ostringstream text;
+  text << std::ifstream(path).rdbuf();
+  return text.str();
+}
+
+/// The two files are read one after the other: a reading counts only if no datagram was sent in between.
 void print_devices() {
-  std::ifstream file("/proc/net/dev");
+  std::uint64_t datagrams = udp_datagrams();
+  std::string devices = text_of("/proc/net/dev");
+  for (std::uint64_t after = udp_datagrams(); after != datagrams; after = udp_datagrams()) {
+    datagrams = after;
+    devices = text_of("/proc/net/dev");
+  }
+  std::istringstream lines(devices);
   std::string line;
-  for (int i = 0; std::getline(file, line); ++i) {
+  for (int i = 0; std::getline(lines, line); ++i) {
     if (i < 2) continue;
     std::replace(line.begin(), line.end(), ':', ' ');
     std::istringstream words(line);
@@ -78,7 +91,7 @@ void print_devices() {
     for (auto& f : figure) words >> f;
     std::cout << name << ' ' << figure[8] << ' ' << figure[9] << '\n';
   }
-  std::cout << "udp 0 " << udp_datagrams() << "\nend" << std::endl;
+  std::cout << "udp 0 " << datagrams << "\nend" << std::endl;
 }
 
 }  // namespace

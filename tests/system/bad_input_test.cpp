@@ -93,14 +93,17 @@ TEST_F(BadVehicle, AHostileSensorLogIsNamedWithItsLine) {
   expect_refusal(arguments(), "no <sensors file=");
 }
 
-// /proc takes no files from anybody, not even from root.
+// No folder can be made below a file, not even by root.
 TEST_F(BadVehicle, FoldersThatCannotBeWrittenAreNamed) {
   const std::string sensors = sensors_header + "0,odometry,1,0,\n";
-  prepare("state_folder=\"/proc/convoy\"", sensors);
-  expect_refusal(arguments(), "/proc/convoy/lock: cannot write");
-  prepare("output_folder=\"/proc/convoy\"", sensors);
-  expect_refusal(arguments(), "/proc/convoy/live.csv: cannot write");
-  expect_refusal("demo --out /proc/convoy", "/proc/convoy");
+  const fs::path file = scratch_ / "file";
+  write(file, "what stood here before");
+  prepare("state_folder=\"" + (file / "state").string() + "\"", sensors);
+  expect_refusal(arguments(), "file/state/lock: cannot write");
+  prepare("output_folder=\"" + (file / "out").string() + "\"", sensors);
+  expect_refusal(arguments(), "file/out/live.csv: cannot write");
+  expect_refusal("demo --out " + (file / "run").string(), "file/run");
+  EXPECT_EQ(read_text(file), "what stood here before");
 }
 
 TEST_F(BadVehicle, ADiskThatIsFullIsSaidAndEndsWithAnError) {
