@@ -46,12 +46,10 @@ void AssociationComponent<G>::search(const Key& a, const Key& b) {
   ++counters_.searches;
   const auto result = associate(batch_of(store, a), batch_of(store, b), relative_prior(store, a, b), params_);
   counters_.search_nodes += result.nodes;
-  if (result.decision != Decision::accepted) {
-    ++counters_.rejected[static_cast<std::size_t>(result.rejection)];
-    return;
-  }
-  ++counters_.accepted;
-  if (!manager_.publish_association(result.pairings)) ++counters_.already_stated;
+  if (result.decision == Decision::accepted) ++counters_.accepted;
+  else ++counters_.rejected[static_cast<std::size_t>(result.rejection)];
+  for (const std::vector<Pairing>& pairings : result.statements())
+    if (!manager_.publish_association(pairings)) ++counters_.already_stated;
 }
 
 #define CONVOY_INSTANTIATE(G) template class AssociationComponent<G>;

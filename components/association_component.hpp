@@ -14,7 +14,7 @@ namespace convoy {
 struct AssociationCounters {
   std::uint64_t searches = 0;
   std::uint64_t accepted = 0;
-  std::uint64_t already_stated = 0;                        ///< accepted, and held already from another vehicle
+  std::uint64_t already_stated = 0;                        ///< to be stated, and held already from another vehicle
   std::array<std::uint64_t, rejection_count> rejected{};   ///< by Rejection: why is there no association?
   std::uint64_t search_nodes = 0;
 };

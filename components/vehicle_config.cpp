@@ -88,6 +88,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("association", "separation", a.separation);
   visit("association", "max_false_alarms", a.max_false_alarms);
   visit("association", "max_runner_up_share", a.max_runner_up_share);
+  visit("association", "min_runner_up_false_alarms", a.min_runner_up_false_alarms);
 
   SubmapManagerParams& s = v.submaps;
   visit("map", "backend", s.backend);
@@ -95,6 +96,8 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("map", "min_pairings", s.selection.min_pairings);
   visit("map", "residual", s.selection.residual);
   visit("map", "map_residual", s.selection.map_residual);
+  visit("map", "max_runner_up_share", s.selection.max_runner_up_share);
+  visit("map", "min_confirmed", s.selection.min_confirmed);
   visit("map", "reference_vehicle", s.selection.reference);
   visit("map", "stale_peer_s", s.stale_peer_s);
 
@@ -326,6 +329,9 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(v.submaps.selection.min_pairings >= 3, "map", "min_pairings", "be 3 or more; two pairs align with anything");
   confidence(v.submaps.selection.residual, "map", "residual");
   confidence(v.submaps.selection.map_residual, "map", "map_residual");
+  demand(v.submaps.selection.max_runner_up_share > 0.0 && v.submaps.selection.max_runner_up_share <= 1.0, "map",
+         "max_runner_up_share", "lie in (0, 1]");
+  demand(v.submaps.selection.min_confirmed >= 1, "map", "min_confirmed", "be 1 or more; 1 trusts the first association");
   const VehicleId reference = v.submaps.selection.reference;
   demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle", "be on the roster, or 0");
 

@@ -73,8 +73,8 @@ class Associator {
     if (!fits_prior()) return reject(Rejection::prior);
     result_.expected_false_alarms = expected_false_alarms(graph);
     if (result_.expected_false_alarms > params_.max_false_alarms) return reject(Rejection::chance);
-    result_.runner_up = runner_up(graph);
-    if (result_.runner_up > params_.max_runner_up_share * result_.support) {
+    find_runner_up(graph);
+    if (has_rival_) {
       reject(Rejection::runner_up);
       result_.decision = Decision::ambiguous;
       return result_;
@@ -232,17 +232,21 @@ class Associator {
     return static_cast<double>(proposals) * binomial_tail(others, q, result_.support - G::Dim);
   }
 
-  // Support of the best alignment made of pairings that disagree with ours.
-  int runner_up(const CompatibilityGraph& graph) const {
+  // The best alignment made of pairings that disagree with ours: a rival if it comes near ours, or is no chance.
+  void find_runner_up(const CompatibilityGraph& graph) {
     const double apart = chi2_quantile(0.9999, G::Dim);
     const CompatibilityGraph rest = graph.without([&](const IndexPairing& p) {
       return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < apart;
     });
     const SearchResult second = gcbb(rest, params_.max_nodes);
-    if (second.cut_off) return result_.support;  // not known: nothing may be assumed
+    has_rival_ = second.cut_off;  // not known: nothing may be assumed
     Associator other(a_, b_, prior_, params_);
     const bool aligned = static_cast<int>(second.pairings.size()) >= params_.min_pairings && other.settle(second.pairings);
-    return aligned && other.fits_prior() ? other.result_.support : 0;
+    if (second.cut_off || !aligned || !other.fits_prior()) return;
+    result_.runner_up = other.result_.support;
+    has_rival_ = result_.runner_up > params_.max_runner_up_share * result_.support ||
+                 other.expected_false_alarms(graph) < params_.min_runner_up_false_alarms;
+    if (has_rival_) result_.runner_up_pairings = std::move(other.result_.pairings);
   }
 
   const Batch<G>& a_;
@@ -253,6 +257,7 @@ class Associator {
   DistanceCompatibility binary_;
   double gate_chi2_, doubt_chi2_;
   std::vector<IndexPairing> settled_;
+  bool has_rival_ = false;
   AssociationResult<G> result_;
 };
 
@@ -268,6 +273,8 @@ void validate(const AssociationParams& p) {
   if (!(p.max_false_alarms > 0.0)) throw ConfigError("association: max_false_alarms must be > 0");
   if (!(p.max_runner_up_share > 0.0 && p.max_runner_up_share <= 1.0))
     throw ConfigError("association: max_runner_up_share must lie in (0, 1]");
+  if (!(p.min_runner_up_false_alarms >= p.max_false_alarms))
+    throw ConfigError("association: min_runner_up_false_alarms must be >= max_false_alarms");
   if (p.max_nodes == 0) throw ConfigError("association: max_nodes must be > 0");
 }
 
@@ -295,6 +302,13 @@ const char* to_string(Rejection rejection) {
 }
 
 template <class G>
+std::vector<std::vector<Pairing>> AssociationResult<G>::statements() const {
+  if (decision == Decision::accepted) return {pairings};
+  if (decision == Decision::ambiguous && !runner_up_pairings.empty()) return {pairings, runner_up_pairings};
+  return {};
+}
+
+template <class G>
 AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
                                const AssociationParams& params) {
   const auto enough = static_cast<std::size_t>(params.min_pairings);
@@ -307,6 +321,7 @@ AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::
 }
 
 #define CONVOY_INSTANTIATE(G)                                                               \
+  template struct AssociationResult<G>;                                                     \
   template AssociationResult<G> associate(const Batch<G>&, const Batch<G>&,                 \
                                           const std::optional<RelativePrior<G>>&, const AssociationParams&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)

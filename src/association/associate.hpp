@@ -21,7 +21,9 @@ struct AssociationParams {
   double pairing = 0.9;                ///< chi-square confidence within which two landmarks agree with an alignment
   double separation = 0.999;           ///< a pairing is left out unless exchanging its partner is this much worse
   double max_false_alarms = 1e-5;      ///< expected number of alignments as good by chance, at the local density
-  double max_runner_up_share = 0.7;    ///< a second, incompatible alignment with more support than this share: ambiguous
+  // A second, incompatible alignment makes the first one ambiguous if ...
+  double max_runner_up_share = 0.7;    ///< ... it has more than this share of the first one's support, or
+  double min_runner_up_false_alarms = 1.0;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -49,6 +51,7 @@ struct AssociationResult {
   Decision decision = Decision::none;
   Rejection rejection = Rejection::not_rejected;
   std::vector<Pairing> pairings;     ///< canonical; the best set also when it was not accepted
+  std::vector<Pairing> runner_up_pairings;  ///< canonical; the best set elsewhere that is no chance either
   Alignment<G> alignment;            ///< T_a_b of that set
   int support = 0;                   ///< number of pairings
   int runner_up = 0;                 ///< support of the best alignment elsewhere
@@ -56,6 +59,10 @@ struct AssociationResult {
   std::size_t candidates = 0;        ///< pairs that passed the unary constraint
   std::uint64_t compatible = 0;      ///< pairs of pairs that passed the binary constraint
   std::uint64_t nodes = 0;
+
+  /// What is to be stated as facts: the accepted set; if ambiguous both, since which of the two is right may follow from
+  /// what other batches say, and that this place has a double is itself worth knowing.
+  std::vector<std::vector<Pairing>> statements() const;
 };
 
 /// Batches a and b of one or two chains, anchor keys a < b (so that everybody computes the same). Deterministic: a

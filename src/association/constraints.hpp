@@ -14,7 +14,7 @@
 namespace convoy {
 
 struct ConstraintParams {
-  double compatibility = 0.99;   ///< chi-square confidence of eq. 5; the paper uses 0.95
+  double compatibility = 0.9999; ///< chi-square confidence of eq. 5 (the paper: 0.95); what lies beyond is never looked at
   double distance = 0.99;        ///< confidence that two distances are the same, 1 dof, from both covariances
   double min_distance_m = 0.3;   ///< pairs closer than this say nothing about geometry and are not compared
 };

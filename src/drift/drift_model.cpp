@@ -11,8 +11,8 @@ namespace convoy {
 template <class G>
 typename G::Tangent DriftParams<G>::default_rate() {
   typename G::Tangent rate;
-  rate.template head<G::Dim>().setConstant(1e-4);             // 1 cm per sqrt(m)
-  rate.template tail<G::Dof - G::Dim>().setConstant(1e-6);    // 0.06 deg per sqrt(m)
+  rate.template head<G::Dim>().setConstant(3e-5);             // 5 mm per sqrt(m)
+  rate.template tail<G::Dof - G::Dim>().setConstant(3e-7);    // 0.03 deg per sqrt(m)
   return rate;
 }
 

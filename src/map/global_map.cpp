@@ -1,3 +1,4 @@
+#include <convoy/association/alignment.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>

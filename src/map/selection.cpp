@@ -1,9 +1,12 @@
+#include <convoy/association/alignment.hpp>
 #include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/selection.hpp>
 #include <convoy/submap/content_hash.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <numeric>
 
@@ -112,6 +115,21 @@ std::vector<Hypothesis<G>> stated(const FactStore<G>& store) {
   return all;
 }
 
+// True if no place elsewhere could pass for this one unnoticed: one that looks alike shows in the batches themselves if it
+// is nearer than half of what is paired, and the prior leaves no room for one farther away.
+template <class G>
+bool is_confined(const RelativePrior<G>& prior, const Batch<G>& a, const Batch<G>& b, double gate) {
+  double extent = 0.0;
+  typename G::Point centre = G::Point::Zero();
+  for (const auto& l : a.landmarks)
+    for (const auto& m : a.landmarks) extent = std::max(extent, (l.position - m.position).norm());
+  for (const auto& l : b.landmarks) centre += l.position / static_cast<double>(b.landmarks.size());
+  const typename G::PointJacobian H = prior.mean.act_jacobian(centre);
+  const typename G::PointCovariance C = H * prior.covariance * H.transpose();
+  const Eigen::SelfAdjointEigenSolver<typename G::PointCovariance> eigen(symmetrised(C), Eigen::EigenvaluesOnly);
+  return std::sqrt(gate * eigen.eigenvalues().maxCoeff()) <= 0.5 * extent;
+}
+
 // A veto stands while the last verdict of any author on the hypothesis is one.
 template <class G>
 std::set<Hash> vetoed(const FactStore<G>& store) {
@@ -134,6 +152,10 @@ const char* to_string(HypothesisState state) {
     case HypothesisState::vetoed: return "vetoed";
     case HypothesisState::malformed: return "malformed";
     case HypothesisState::geometry: return "geometry";
+    case HypothesisState::prior: return "prior";
+    case HypothesisState::outvoted: return "outvoted";
+    case HypothesisState::ambiguous: return "ambiguous";
+    case HypothesisState::unconfirmed: return "unconfirmed";
     case HypothesisState::class_conflict: return "class_conflict";
     case HypothesisState::map_residual: return "map_residual";
   }
@@ -155,8 +177,9 @@ int Selector<G>::number(const FactStore<G>& store, const Key& landmark) {
 template <class G>
 typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, const std::vector<Pairing>& pairings) {
   Examined result;
+  Hypothesis<G>& h = result.hypothesis;
   const auto ends = [&](HypothesisState state) {
-    result.state = state;
+    result.hypothesis.state = state;
     return result;
   };
   if (static_cast<int>(pairings.size()) < params_.min_pairings) return ends(HypothesisState::malformed);
@@ -168,8 +191,8 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
     if (la == nullptr || lb == nullptr) return ends(HypothesisState::waiting);
     if (lb->anchor_key() < la->anchor_key()) std::swap(la, lb);
     if (pairs.empty()) {
-      result.batch_a = a.anchor = la->anchor_key();
-      result.batch_b = b.anchor = lb->anchor_key();
+      h.batch_a = a.anchor = la->anchor_key();
+      h.batch_b = b.anchor = lb->anchor_key();
     }
     const bool fits = la->anchor_key() == a.anchor && lb->anchor_key() == b.anchor && a.anchor != b.anchor;
     if (!fits || !seen.insert(ka).second || !seen.insert(kb).second) return ends(HypothesisState::malformed);
@@ -177,19 +200,111 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
     a.landmarks.push_back(*la);
     b.landmarks.push_back(*lb);
   }
-  if (store.anchor(a.anchor) == nullptr || store.anchor(b.anchor) == nullptr) return ends(HypothesisState::waiting);
+  for (const Key& anchor : {a.anchor, b.anchor})
+    if (store.anchor(anchor) == nullptr || store.prior(anchor.chain) == nullptr) return ends(HypothesisState::waiting);
   const auto alignment = align(a, b, pairs);
   if (!alignment || alignment->chi2 > chi2_quantile(params_.residual, alignment->dof))
     return ends(HypothesisState::geometry);
-  result.alignment = {alignment->T_a_b, alignment->covariance()};
+  h.alignment = {alignment->T_a_b, alignment->covariance()};
+  const auto prior = relative_prior(store, a.anchor, b.anchor);
+  result.confined = prior && is_confined(*prior, a, b, chi2_quantile(params_.map_residual, G::Dim));
+  if (prior && prior_chi2(*prior, h.alignment) > chi2_quantile(params_.map_residual, G::Dof))
+    return ends(HypothesisState::prior);
   for (const auto& [ka, kb] : pairings) result.pairs.emplace_back(number(store, ka), number(store, kb));
   return ends(HypothesisState::accepted);
+}
+
+// Its number among the hypotheses between its two chains.
+template <class G>
+std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Hypothesis<G>& h) {
+  Group& group = groups_[{h.batch_a.chain, h.batch_b.chain}];
+  std::vector<bool> together;
+  for (const Hash other : group.members)
+    together.push_back(loop_chi2(store, examined_.at(other).hypothesis, h) < chi2_quantile(params_.map_residual, G::Dof));
+  group.members.push_back(id);
+  group.together.add(std::move(together));
+  return group.members.size() - 1;
+}
+
+template <class G>
+void Selector<G>::decide(Group& group, const std::vector<int>& weights) const {
+  const std::vector<std::size_t> heaviest = heaviest_clique(group.together, group.active, weights);
+  group.stands.assign(group.members.size(), false);
+  for (const std::size_t member : heaviest) group.stands[member] = true;
+  std::vector<std::size_t> others;
+  std::vector<int> other_weights;
+  int weight = 0, second = 0;
+  for (std::size_t k = 0; k < group.active.size(); ++k) {
+    if (group.stands[group.active[k]]) {
+      weight += weights[k];
+    } else {
+      others.push_back(group.active[k]);
+      other_weights.push_back(weights[k]);
+    }
+  }
+  for (const std::size_t member : heaviest_clique(group.together, others, other_weights))
+    second += other_weights[static_cast<std::size_t>(std::find(others.begin(), others.end(), member) - others.begin())];
+  group.ambiguous = second > params_.max_runner_up_share * weight;
+}
+
+// Of the hypotheses between two chains those stand that hold together (DESIGN B5, T3).
+template <class G>
+void Selector<G>::find_consensus(std::vector<Hypothesis<G>>& hypotheses) {
+  ByChains active;
+  for (Hypothesis<G>& h : hypotheses)
+    if (h.state == HypothesisState::accepted) active[{h.batch_a.chain, h.batch_b.chain}].push_back(&h);
+  for (const auto& [chains, members] : active) {
+    Group& group = groups_.at(chains);
+    std::vector<std::size_t> numbers;
+    std::vector<int> weights;
+    for (const Hypothesis<G>* h : members) {
+      numbers.push_back(examined_.at(h->id).member);
+      weights.push_back(static_cast<int>(h->pairings.size()));
+    }
+    if (numbers != group.active) {
+      group.active = std::move(numbers);
+      decide(group, weights);
+    }
+    for (std::size_t k = 0; k < members.size(); ++k) {
+      if (group.ambiguous) members[k]->state = HypothesisState::ambiguous;
+      else if (!group.stands[group.active[k]]) members[k]->state = HypothesisState::outvoted;
+    }
+  }
+  for (auto& [chains, members] : active)
+    std::erase_if(members, [](const Hypothesis<G>* h) { return h->state != HypothesisState::accepted; });
+  demand_confirmation(active);
+}
+
+// Hypotheses that hold together confirm each other. A single one stands if nothing could pass for what it has found, or if
+// its chains are linked without it: then the map has its say.
+template <class G>
+void Selector<G>::demand_confirmation(const ByChains& standing) const {
+  std::map<ChainId, ChainId> parent;
+  const auto root = [&](ChainId id) {
+    for (auto it = parent.find(id); it != parent.end() && it->second != id; it = parent.find(id)) id = it->second;
+    return id;
+  };
+  std::vector<const typename ByChains::value_type*> single;
+  for (const auto& group : standing) {
+    const auto& [chains, members] = group;
+    const bool sure = static_cast<int>(members.size()) >= params_.min_confirmed ||
+                      std::any_of(members.begin(), members.end(), [&](const auto* h) { return examined_.at(h->id).confined; });
+    if (!sure) single.push_back(&group);
+    else parent[std::max(root(chains.first), root(chains.second))] = std::min(root(chains.first), root(chains.second));
+  }
+  for (const auto* group : single) {
+    const auto& [chains, members] = *group;
+    if (chains.first != chains.second && root(chains.first) == root(chains.second)) continue;
+    for (Hypothesis<G>* h : members) h->state = HypothesisState::unconfirmed;
+  }
 }
 
 template <class G>
 const typename Selector<G>::Examined& Selector<G>::examine(const FactStore<G>& store, const Hypothesis<G>& h) {
   Examined& known = examined_[h.id];
-  if (known.state == HypothesisState::waiting) known = examined(store, h.pairings);
+  if (known.hypothesis.state != HypothesisState::waiting) return known;
+  known = examined(store, h.pairings);
+  if (known.hypothesis.state == HypothesisState::accepted) known.member = join_group(store, h.id, known.hypothesis);
   return known;
 }
 
@@ -213,13 +328,14 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
     } else if (excluded.hypotheses.count(h.id)) {
       h.state = HypothesisState::map_residual;
     } else {
-      const Examined& known = examine(store, h);
+      const Hypothesis<G>& known = examine(store, h).hypothesis;
       h.state = known.state;
       h.batch_a = known.batch_a;
       h.batch_b = known.batch_b;
       h.alignment = known.alignment;
     }
   }
+  find_consensus(selection.hypotheses);
   Classes classes(batch_of_);
   std::vector<bool> left_out(landmarks_.size(), false);
   for (const Key& key : excluded.landmarks)

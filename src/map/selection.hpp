@@ -2,8 +2,8 @@
 // the set of facts (DESIGN B4): everybody who holds the same facts selects the same.
 #pragma once
 
-#include <convoy/association/alignment.hpp>
-#include <convoy/submap/fact_store.hpp>
+#include <convoy/map/consensus.hpp>
+#include <convoy/map/hypothesis.hpp>
 
 #include <map>
 #include <set>
@@ -16,39 +16,11 @@ namespace convoy {
 struct SelectionParams {
   int min_pairings = 5;
   double residual = 0.99;     ///< chi-square confidence of a hypothesis' own alignment
-  double map_residual = 0.9999;  ///< confidence beyond which a hypothesis contradicts the solved map and is dropped
+  double map_residual = 0.9999;  ///< confidence beyond which a hypothesis contradicts priors, others, or the solved map
+  double max_runner_up_share = 0.25;  ///< of the weight (pairings) of the set that holds together; beyond: ambiguous
+  int min_confirmed = 2;             ///< hypotheses that must hold together to link two chains; 1: the first one may
   double separation = 0.9;       ///< a landmark leaves its class unless every other way fits this much worse, chi-square
   VehicleId reference = 0;       ///< whose start is the common frame if no static bias is known; 0: see build_problem()
-};
-
-enum class HypothesisState : std::uint8_t {
-  accepted,
-  waiting,         ///< some of its landmarks or their anchors have not arrived
-  vetoed,          ///< an author's last verdict on it is a veto
-  malformed,       ///< not one-to-one between exactly two batches, or too few pairings
-  geometry,        ///< its pairs do not align within their covariances
-  class_conflict,  ///< it would make two landmarks of one batch the same
-  map_residual,    ///< it contradicts the rest of the map
-};
-inline constexpr int hypothesis_state_count = 7;
-const char* to_string(HypothesisState state);
-
-/// What the pairs of a hypothesis say by themselves of the motion between their batches.
-template <class G>
-struct HypothesisAlignment {
-  G T_a_b;
-  typename G::Covariance P = G::Covariance::Zero();
-  const typename G::Covariance& covariance() const { return P; }  ///< of a right perturbation
-};
-
-template <class G>
-struct Hypothesis {
-  Hash id = 0;
-  std::vector<Pairing> pairings;
-  ChainId author;  ///< the smallest chain that states it
-  HypothesisState state = HypothesisState::waiting;
-  Key batch_a, batch_b;    ///< anchors, a < b; the first landmark of each pairing is of a
-  HypothesisAlignment<G> alignment;
 };
 
 template <class G>
@@ -79,19 +51,34 @@ class Selector {
   Selection<G> select(const FactStore<G>& store, const Exclusions& excluded = {});
 
  private:
+  // What a hypothesis amounts to by itself: its state, batches and alignment. Its pairings by the numbers of landmarks.
   struct Examined {
-    HypothesisState state = HypothesisState::waiting;
-    Key batch_a, batch_b;
-    HypothesisAlignment<G> alignment;
-    std::vector<std::pair<int, int>> pairs;  // numbers of landmarks; of an accepted one
+    Hypothesis<G> hypothesis;
+    std::vector<std::pair<int, int>> pairs;
+    std::size_t member = 0;  // of the group of its two chains, if accepted
+    bool confined = false;   // no double of the place could have escaped notice
+  };
+  // The hypotheses between two chains, and which of them hold together.
+  struct Group {
+    std::vector<Hash> members;
+    Relation together;
+    std::vector<std::size_t> active;  // when last asked: the members, and ...
+    std::vector<bool> stands;         // ... what became of them
+    bool ambiguous = false;
   };
   void read(const FactStore<G>& store);
   const Examined& examine(const FactStore<G>& store, const Hypothesis<G>& hypothesis);
   Examined examined(const FactStore<G>& store, const std::vector<Pairing>& pairings);
+  std::size_t join_group(const FactStore<G>& store, Hash id, const Hypothesis<G>& examined);
+  using ByChains = std::map<std::pair<ChainId, ChainId>, std::vector<Hypothesis<G>*>>;
+  void find_consensus(std::vector<Hypothesis<G>>& hypotheses);
+  void demand_confirmation(const ByChains& standing) const;
+  void decide(Group& group, const std::vector<int>& weights) const;
   int number(const FactStore<G>& store, const Key& landmark);
 
   SelectionParams params_;
   std::unordered_map<Hash, Examined> examined_;
+  std::map<std::pair<ChainId, ChainId>, Group> groups_;
   // Landmarks and batches by number, in the order in which they were met: names only, no result depends on them.
   std::map<Key, int> landmark_number_, batch_number_;
   std::vector<Key> landmarks_;

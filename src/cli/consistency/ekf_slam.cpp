@@ -173,12 +173,14 @@ class FactMaker {
         const auto prior = relative_prior(store, batches[i], batches[j]);
         if (prior && far_apart(*prior)) continue;
         const auto found = associate(batch_of(store, batches[i]), batch_of(store, batches[j]), prior, AssociationParams{});
-        if (found.decision != Decision::accepted || !arrives()) continue;
-        insert(AssociationFact{{chain(0), stated++}, found.pairings});
-        const auto right = std::count_if(found.pairings.begin(), found.pairings.end(),
-                                         [&](const Pairing& p) { return thing_of.at(p.first) == thing_of.at(p.second); });
-        const bool is_true = 2 * static_cast<std::size_t>(right) > found.pairings.size();
-        (is_true ? true_sets : false_sets).push_back(hypothesis_id(found.pairings));
+        for (const std::vector<Pairing>& pairings : found.statements()) {
+          if (!arrives()) continue;
+          insert(AssociationFact{{chain(0), stated++}, pairings});
+          const auto right = std::count_if(pairings.begin(), pairings.end(),
+                                           [&](const Pairing& p) { return thing_of.at(p.first) == thing_of.at(p.second); });
+          const bool is_true = 2 * static_cast<std::size_t>(right) > pairings.size();
+          (is_true ? true_sets : false_sets).push_back(hypothesis_id(pairings));
+        }
       }
   }
 

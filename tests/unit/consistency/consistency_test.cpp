@@ -110,13 +110,13 @@ Simulated simulate(const EkfSlamParams& params, const char* what) {
 
 TEST(Consistency, EkfSlamWithDefaults) {
   const Simulated s = simulate({}, "EKF-SLAM");
-  EXPECT_GE(s.local.anees, 0.5);  // 0.6 is asked; 200 runs measure 0.58, on the safe side: the page names it a miss
+  EXPECT_GE(s.local.anees, 0.6);
   EXPECT_LE(s.local.anees, 1.15);
   EXPECT_GE(s.local.coverage95, 0.94);
   EXPECT_LE(s.local.distance_rmse_m, 0.15);
   EXPECT_EQ(s.local.false_fusions, 0);
   EXPECT_GT(s.local.true_stated, 10 * slam_runs);  // they did meet ...
-  EXPECT_LE(s.local.unlinked_runs, 2);  // ... but where the true start is beyond 99 % of the static bias
+  EXPECT_EQ(s.local.unlinked_runs, 0);      // ... all of them
   EXPECT_GT(s.raw.distance_rmse_m, 20.0 * s.local.distance_rmse_m);
 }
 
@@ -152,6 +152,33 @@ TEST(Consistency, NoFalseSetEntersTheMap) {
     print(agreeing ? "false sets that agree" : "independent false sets", s);
     EXPECT_GT(s.false_stated, runs / 4);
     EXPECT_EQ(s.false_fusions, 0);
+    EXPECT_LE(s.true_dropped, 0.02 * s.true_stated);
+  }
+}
+
+// Every shift by a period fits. With the first batches alone, with some, and with all: nothing is fused wrongly, and the
+// vehicles stay apart rather than being put where they might be.
+TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
+  for (const double repeat_m : {20.0, 30.0}) {
+    EkfSlamParams params;
+    params.path = Path::straight;
+    params.repeat_m = repeat_m;
+    for (const std::size_t batches : {1U, 2U, 4U, 100U}) {
+      const Summary s = summarise(each_run(slam_runs / 2, [&](int run) {
+                                    SlamRun driven = drive_ekf_slam(params, seed, run);
+                                    for (SlamRun::Vehicle& v : driven.vehicles) {
+                                      const std::size_t count = std::min(batches, v.segments.size());
+                                      v.segments.resize(count);
+                                      v.truth.resize(count);
+                                    }
+                                    return judge_ekf_slam(driven, params, {}, SparseMap<SE2>(), seed, run);
+                                  }), 3);
+      print(("a street that repeats itself, batches: " + std::to_string(batches)).c_str(), s);
+      EXPECT_GT(s.false_stated, slam_runs / 4) << "no double was ever seen";
+      EXPECT_EQ(s.false_fusions, 0);
+      EXPECT_LE(s.anees, 1.15);
+      EXPECT_GE(s.coverage95, 0.93);
+    }
   }
 }
 

@@ -178,6 +178,13 @@ SampleFleetOf<G> street_fleet(std::uint64_t seed, const std::type_identity_t<Str
   return fleet;
 }
 
+/// One hypothesis is enough to link two vehicles, however uncertain their starts are.
+inline const SelectionParams unconfirmed_too = [] {
+  SelectionParams params;
+  params.min_confirmed = 1;
+  return params;
+}();
+
 template <class G>
 GlobalMap<G> built(const FactStore<G>& store, const SelectionParams& params = {}) {
   return build_global_map(store, params, SparseMap<G>());

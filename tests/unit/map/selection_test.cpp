@@ -11,6 +11,7 @@ namespace {
 
 using test::SampleFleet;
 using test::Store;
+using test::unconfirmed_too;
 
 HypothesisState state_of(const Selection<SE2>& selection, Hash id) {
   for (const auto& h : selection.hypotheses)
@@ -18,7 +19,7 @@ HypothesisState state_of(const Selection<SE2>& selection, Hash id) {
   ADD_FAILURE() << "not stated";
   return HypothesisState::waiting;
 }
-HypothesisState state_of(const Store& store, Hash id) { return state_of(select(store, {}), id); }
+HypothesisState state_of(const Store& store, Hash id) { return state_of(select(store, unconfirmed_too), id); }
 
 /// Two vehicles with one batch each of the same place, and one of vehicle 3.
 struct Place {
@@ -49,7 +50,7 @@ TEST(Select, AcceptsWhatAligns) {
   const auto pairs = place.common(0, 1);
   ASSERT_GE(pairs.size(), 8U);
   const Hash id = place.fleet.associate(2, pairs);
-  const auto selection = select(place.fleet.store(), SelectionParams{});
+  const auto selection = select(place.fleet.store(), unconfirmed_too);
   ASSERT_EQ(selection.hypotheses.size(), 1U);
   const auto& h = selection.hypotheses[0];
   EXPECT_EQ(h.id, id);
@@ -80,7 +81,7 @@ TEST(Select, RefusesWhatIsMalformed) {
   for (const auto& bad : {few, three_batches, twice, within}) {
     Place fresh;
     const Hash id = fresh.fleet.associate(1, canonical(bad));
-    const auto selection = select(fresh.fleet.store(), SelectionParams{});
+    const auto selection = select(fresh.fleet.store(), unconfirmed_too);
     EXPECT_EQ(state_of(selection, id), HypothesisState::malformed);
     EXPECT_TRUE(selection.classes.empty());
   }
@@ -177,7 +178,7 @@ TEST(Select, OfTwoThatMakeOneBatchsLandmarksTheSameTheSmallerLoses) {
     EXPECT_EQ(state(store, right_12), HypothesisState::accepted);
     EXPECT_EQ(state(store, right_23), HypothesisState::accepted);
     EXPECT_EQ(state(store, wrong_13), HypothesisState::class_conflict);
-    for (const auto& members : select(store, SelectionParams{}).classes) {
+    for (const auto& members : select(store, unconfirmed_too).classes) {
       std::set<Key> batches;
       for (const Key& key : members) EXPECT_TRUE(batches.insert(store.landmark(key)->anchor_key()).second);
     }
@@ -188,7 +189,7 @@ TEST(Select, OfTwoThatMakeOneBatchsLandmarksTheSameTheSmallerLoses) {
   EXPECT_EQ(state(store, wrong_13), HypothesisState::accepted);
   EXPECT_EQ(state(store, weak_23), HypothesisState::class_conflict);
   // A hypothesis that conflicts enters not at all, not with the half of it that would fit.
-  for (const auto& members : select(store, SelectionParams{}).classes)
+  for (const auto& members : select(store, unconfirmed_too).classes)
     EXPECT_FALSE(std::count(members.begin(), members.end(), test::key_of(2, 5)) &&
                  std::count(members.begin(), members.end(), test::key_of(3, 5)));
 }
@@ -199,11 +200,11 @@ TEST(Select, TheSameStatementOfTwoAuthorsHasNoEffect) {
   twice.fleet.associate(1, twice.common(0, 1));
   twice.fleet.associate(2, twice.common(0, 1));
   twice.fleet.associate(3, twice.common(0, 1));
-  const auto a = select(once.fleet.store(), SelectionParams{}), b = select(twice.fleet.store(), SelectionParams{});
+  const auto a = select(once.fleet.store(), unconfirmed_too), b = select(twice.fleet.store(), unconfirmed_too);
   EXPECT_EQ(b.hypotheses.size(), 1U);
   EXPECT_EQ(a.digest, b.digest);
   EXPECT_EQ(a.classes, b.classes);
-  EXPECT_EQ(test::built(once.fleet.store()).map->digest(), test::built(twice.fleet.store()).map->digest());
+  EXPECT_EQ(test::built(once.fleet.store(), unconfirmed_too).map->digest(), test::built(twice.fleet.store(), unconfirmed_too).map->digest());
   EXPECT_EQ(once.fleet.store().digest(), twice.fleet.store().digest());
 }
 
@@ -222,11 +223,11 @@ TEST(Select, TransitivePairsMergeAndClosingTheTriangleAddsNothing) {
       if (p.second == q.first) third.emplace_back(p.first, q.second);
   ASSERT_GE(third.size(), 5U);
   closed.fleet.associate(1, canonical(third));
-  const auto a = select(open.fleet.store(), SelectionParams{}), b = select(closed.fleet.store(), SelectionParams{});
+  const auto a = select(open.fleet.store(), unconfirmed_too), b = select(closed.fleet.store(), unconfirmed_too);
   EXPECT_TRUE(std::any_of(a.classes.begin(), a.classes.end(), [](const auto& c) { return c.size() == 3; }));
   EXPECT_EQ(a.classes, b.classes);
-  EXPECT_EQ(test::built(open.fleet.store()).map->poses().back().translation(),
-            test::built(closed.fleet.store()).map->poses().back().translation());
+  EXPECT_EQ(test::built(open.fleet.store(), unconfirmed_too).map->poses().back().translation(),
+            test::built(closed.fleet.store(), unconfirmed_too).map->poses().back().translation());
 }
 
 TEST(Select, TakesTheStrongestFirstWhateverTheOrderOfArrival) {
@@ -248,7 +249,7 @@ TEST(Select, TakesTheStrongestFirstWhateverTheOrderOfArrival) {
 TEST(Select, LeavesOutWhatTheMapExcluded) {
   Place place;
   const Hash id = place.fleet.associate(1, place.common(0, 1));
-  const auto selection = select(place.fleet.store(), SelectionParams{}, Exclusions{{id}, {}});
+  const auto selection = select(place.fleet.store(), unconfirmed_too, Exclusions{{id}, {}});
   EXPECT_EQ(state_of(selection, id), HypothesisState::map_residual);
   EXPECT_TRUE(selection.classes.empty());
 }
