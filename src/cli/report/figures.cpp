@@ -204,7 +204,7 @@ std::string started_apart(const RunRecord& run) {
     if (const auto first = run.first_event_s.find(vehicle.id); first != run.first_event_s.end())
       if (const auto T = truth_at(vehicle.truth, first->second)) starts.push_back(T->translation());
   if (starts.size() != 2) return dots;
-  return dots + " Truly they started " + metres_text((starts[1] - starts[0]).norm()) +
+  return dots + " In truth they started " + metres_text((starts[1] - starts[0]).norm()) +
          " apart, which neither SLAM can know.";
 }
 
@@ -710,7 +710,10 @@ Figure consistency(const RunRecord& run, const Evaluation& evaluation) {
                 "Normalised squared error of each vehicle's own live pose in the common frame (3 degrees of freedom, "
                 "logarithmic); above the band the vehicle is surer of itself than it may be, below it is more cautious "
                 "than needed." +
-                    gauge_note(run, evaluation.metrics)};
+                    (gauge_note(run, evaluation.metrics).empty()
+                         ? ""
+                         : " Judged in gauge fit, which counts against the first poses of " +
+                               the_vehicle(run, run.common_frame_vehicle) + ": see below the table of vehicles.")};
   if (!any) figure = {figure.title, "", "There is no pose truth to judge the live poses by."};
   return figure;
 }
