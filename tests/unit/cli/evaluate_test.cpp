@@ -148,8 +148,8 @@ TEST(Evaluate, CorrectedDistancesAreOfTheWholeRunInBothDirections) {
   json pair = evaluate(run).metrics.at("pairs")[0];
   EXPECT_NEAR(pair.at("distance_rmse_corrected_m").get<double>(), 0.5, 1e-9);
   EXPECT_TRUE(pair.at("distance_rmse_m").is_null());
-  // Beyond its ends vehicle 2 is nowhere: with one row left nothing can be compared.
-  rows.resize(1);
+  // Beyond its ends a trajectory says nothing, though the truth is there.
+  std::erase_if(run.vehicles[0].trajectory, [](const PoseRow& row) { return row.t_s > 10.0; });
   EXPECT_TRUE(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_corrected_m").is_null());
 }
 
