@@ -702,7 +702,10 @@ Figure consistency(const RunRecord& run, const Evaluation& evaluation) {
   for (const VehicleRecord& vehicle : run.vehicles) {
     std::vector<Point> points;
     if (const auto it = evaluation.live_nees.find(vehicle.id); it != evaluation.live_nees.end())
-      for (const TimedValue& sample : it->second) points.emplace_back(sample.t_s, sample.value);
+      for (const TimedValue& sample : it->second) {
+        if (!points.empty() && sample.t_s - points.back().x() > longest_step_s) points.emplace_back(NAN, NAN);
+        points.emplace_back(sample.t_s, sample.value);
+      }
     any = any || !points.empty();
     plot.line(points, {vehicle_color(run, vehicle.id), 1.3, "", 0.9}, vehicle_name(run, vehicle.id));
   }
@@ -710,7 +713,7 @@ Figure consistency(const RunRecord& run, const Evaluation& evaluation) {
                 "Normalised squared error of each vehicle's own live pose in the common frame (3 degrees of freedom, "
                 "logarithmic); above the band the vehicle is surer of itself than it may be, below it is more cautious "
                 "than needed." +
-                    (gauge_note(run, evaluation.metrics).empty()
+                    (evaluation.metrics.at("gauge") != json("fit")
                          ? ""
                          : " Judged in gauge fit, which counts against the first poses of " +
                                the_vehicle(run, run.common_frame_vehicle) + ": see below the table of vehicles.")};
@@ -721,7 +724,7 @@ Figure consistency(const RunRecord& run, const Evaluation& evaluation) {
 }  // namespace
 
 std::string gauge_note(const RunRecord& run, const json& m) {
-  if (m.at("gauge") != json("fit") || !m.at("gauge_shift_m").is_number()) return "";
+  if (!m.at("gauge_shift_m").is_number()) return "";
   for (const json& v : m.at("vehicles")) {
     if (v.at("id") != json(run.common_frame_vehicle) || !v.at("pose_anees_fit").is_number() ||
         !v.at("pose_anees_start").is_number())
@@ -730,14 +733,12 @@ std::string gauge_note(const RunRecord& run, const json& m) {
       return fixed(v.at("pose_anees_" + gauge).get<double>(), 2) + " (" +
              fixed(100.0 * v.at("pose_coverage95_" + gauge).get<double>(), 1) + " % within the bound)";
     };
-    return " To compare, the truth is laid onto the common frame by one rigid motion fitted to all trajectories (gauge fit), "
-           "which here lies " +
+    return " Here the two lie " +
            fixed(m.at("gauge_shift_m").get<double>(), 3) + " m and " +
-           fixed(m.at("gauge_turn_rad").get<double>() * 180.0 / M_PI, 1) + " degrees off the true start of " +
+           fixed(m.at("gauge_turn_rad").get<double>() * 180.0 / M_PI, 1) + " degrees apart. The start of " +
            the_vehicle(run, run.common_frame_vehicle) +
-           " (gauge start). That start is the origin of the common frame and known exactly, so whatever the fit is off "
-           "counts in full against the first poses of " +
-           the_vehicle(run, run.common_frame_vehicle) + ": its ANEES is " + of("fit") + " in gauge fit and " + of("start") +
+           " is the origin of the common frame and known exactly, so whatever the fit is off counts in full against its first "
+           "poses: its ANEES is " + of("fit") + " in gauge fit and " + of("start") +
            " in gauge start.";
   }
   return "";
