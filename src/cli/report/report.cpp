@@ -57,6 +57,12 @@ std::string show_percent(const json& share) {
   return share.is_number() ? fixed(100.0 * share.get<double>(), 1) + " %" : "\u2013";
 }
 
+/// "95.7 / 97.6 %"
+std::string show_percents(const json& first, const json& second) {
+  const auto number = [](const json& share) { return share.is_number() ? json(100.0 * share.get<double>()) : json(); };
+  return show(number(first), 1) + " / " + show(number(second), 1) + " %";
+}
+
 std::string show_yes_no(const json& value) {
   if (!value.is_boolean()) return "\u2013";
   return value.get<bool>() ? "yes" : "no";
@@ -132,7 +138,7 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
     rows.push_back({vehicle_name(run, v.at("id")) + (v.at("lost") == json(true) ? " (lost)" : ""),
                     show(v.at("landmarks_exported"), 0), show(v.at("landmarks_known"), 0),
                     show(v.at("facts_missing"), 0), show(v.at("ate_m"), 3), show(v.at("pose_anees_fit"), 2) + " / " + show(v.at("pose_anees_start"), 2),
-                    show_percent(v.at("pose_coverage95_fit")) + " / " + show_percent(v.at("pose_coverage95_start")),
+                    show_percents(v.at("pose_coverage95_fit"), v.at("pose_coverage95_start")),
                     show(v.at("trajectory_anees"), 2),
                     show_percent(v.at("trajectory_coverage95")), show(v.at("bytes_per_s_mean"), 0),
                     show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0), show(v.at("peak_rss_mb"), 0),
@@ -175,7 +181,7 @@ std::string fleet_table(const json& m) {
        {"ANEES of the live poses, gauge fit / gauge start (1 is ideal)",
         show(m.at("fleet_anees_fit"), 2) + " / " + show(m.at("fleet_anees_start"), 2)},
        {"live poses within their 95 % bound, gauge fit / gauge start",
-        show_percent(m.at("fleet_coverage95_fit")) + " / " + show_percent(m.at("fleet_coverage95_start"))},
+        show_percents(m.at("fleet_coverage95_fit"), m.at("fleet_coverage95_start"))},
        {"hypotheses accepted / with a false pairing",
         number("hypotheses_accepted") + " / " + number("hypotheses_false")},
        {"pairings accepted / true / false", number("accepted") + " / " + number("true") + " / " + number("false")},

@@ -271,7 +271,7 @@ void SvgPlot::draw_axes(std::string& out, const Frame& frame) const {
            "\" stroke=\"" + grid_color + "\"/>\n";
     const std::string label =
         !log_floor_ ? tick_text(tick, y_step)
-        : tick > 4.5 ? "1e" + fixed(tick, 0)
+        : tick > 3.5 ? "1e" + fixed(tick, 0)
                      : fixed(std::pow(10.0, tick), tick < 0 ? static_cast<int>(-tick) : 0);
     out += text_at(frame.left - 0.5 * font_, y + 0.35 * font_, "end", 0.92 * font_, label);
   }
