@@ -145,8 +145,9 @@ class Demo {
 
  private:
   [[noreturn]] void refuse_folder() const {
-    throw ConfigError(options_.out.string() +
-                      ": holds a run already, or another demo has begun one; name another folder with --out, or delete it");
+    throw ConfigError(
+        options_.out.string() +
+        ": holds a run already, or another demo has begun one; name another folder with --out, or delete it");
   }
 
   // Of two demos that were given one folder, one makes scenario.json first, and the other is told.

@@ -292,7 +292,8 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, 
   using eprosima::fastdds::rtps::UDPv4TransportDescriptor;
   const std::string where = profiles.where("participant", config.participant_profile) + ": participant profile '" +
                             config.participant_profile + "': ";
-  const std::string origin = config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)";
+  const std::string origin =
+      config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)";
   if (qos.transport().use_builtin_transports)
     throw ConfigError(where + "write <useBuiltinTransports>false</useBuiltinTransports>; the built-in transports speak "
                               "on every interface and cannot be counted");
@@ -304,8 +305,9 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, 
     auto udp = std::make_shared<UDPv4TransportDescriptor>(*profile);
     if (!config.interface_whitelist.empty()) udp->interfaceWhiteList = config.interface_whitelist;
     if (udp->interfaceWhiteList.empty())
-      throw ConfigError(where + "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
-                                "descriptor or in " +
+      throw ConfigError(where +
+                        "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
+                        "descriptor or in " +
                         origin);
     const bool from_config = !config.interface_whitelist.empty() && !config.origin.empty();
     check_interfaces(from_config ? config.origin + ": " : where, udp->interfaceWhiteList);

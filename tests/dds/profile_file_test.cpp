@@ -92,7 +92,8 @@ TEST(ProfileFile, ProcessWideSettingsAreRefused) {
 }
 
 TEST(ProfileFile, BuiltInTransportsAreRefused) {
-  EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"), ::testing::ContainsRegex("\\.xml:[0-9]+: participant"));
+  EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"),
+              ::testing::ContainsRegex("\\.xml:[0-9]+: participant"));
   EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"), HasSubstr("useBuiltinTransports"));
 }
 
@@ -121,7 +122,8 @@ TEST(ProfileFile, TheLanVehicleIsWholeButForItsAddress) {
   VehicleConfig vehicle = load_vehicle_config(CONVOY_QOS_PROFILES "/lan_vehicle.xml");
   EXPECT_EQ(std::filesystem::path(vehicle.dds.profile_file).filename(), "lan.xml");
   vehicle.dds.domain = config_of_this_test().domain;
-  EXPECT_THAT(refusal(vehicle.dds), ::testing::ContainsRegex("lan_vehicle\\.xml:[0-9]+: interface '192\\.0\\.2\\.1' is no IPv4"));
+  EXPECT_THAT(refusal(vehicle.dds),
+              ::testing::ContainsRegex("lan_vehicle\\.xml:[0-9]+: interface '192\\.0\\.2\\.1' is no IPv4"));
   vehicle.dds.interface_whitelist = {"127.0.0.1"};
   const auto first = open_exchange(vehicle);
   DdsExchange<SE2> second(vehicle.dds);

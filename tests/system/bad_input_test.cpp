@@ -149,7 +149,8 @@ TEST(BadInput, ARunFolderThatIsDamagedIsNamedOnOneLine) {
   fs::remove_all(scratch / "vehicle_1");
   expect_refusal(evaluate, "vehicle_1/live.csv: no such file, though vehicle 1 lived to the end");
   EXPECT_FALSE(fs::exists(scratch / "metrics.json"));
-  write(scratch / "run.json", R"({"scenario":"street","common_frame_vehicle":1,"vehicles":[1,2],"lost_vehicles":[1,2]})");
+  write(scratch / "run.json",
+        R"({"scenario":"street","common_frame_vehicle":1,"vehicles":[1,2],"lost_vehicles":[1,2]})");
   fs::create_directory(scratch / "metrics.json");  // where the verdict should go
   expect_refusal(evaluate, "metrics.json: cannot be written");
 }
@@ -228,13 +229,15 @@ TEST(BadInput, OfTwoDemosWithOneFolderTheSecondIsRefused) {
   std::vector<std::string> outputs;
   std::vector<int> statuses;
   {
-    Background one({"demo", "--rate", "40", "--out", run}, scratch / "one"), two({"demo", "--rate", "40", "--out", run}, scratch / "two");
+    Background one({"demo", "--rate", "40", "--out", run}, scratch / "one"),
+        two({"demo", "--rate", "40", "--out", run}, scratch / "two");
     statuses = {one.wait(), two.wait()};
   }
   for (const char* name : {"one", "two"}) outputs.push_back(read_text(scratch / name));
   const std::size_t loser = statuses[0] == 2 ? 0 : 1;
   EXPECT_EQ(statuses[loser], 2) << outputs[0] << outputs[1];
-  EXPECT_NE(outputs[loser].find("holds a run already, or another demo has begun one"), std::string::npos) << outputs[loser];
+  EXPECT_NE(outputs[loser].find("holds a run already, or another demo has begun one"), std::string::npos)
+      << outputs[loser];
   EXPECT_EQ(statuses[1 - loser], 0) << outputs[1 - loser];
 }
 

@@ -61,7 +61,8 @@ TEST(Readme, EveryCommandRuns) {
 }
 
 TEST(Readme, TheDemoScriptExplainsItself) {
-  const Outcome outcome = run_shell((std::filesystem::path(CONVOY_SOURCE_FOLDER) / "scripts/demo").string() + " --help");
+  const Outcome outcome =
+      run_shell((std::filesystem::path(CONVOY_SOURCE_FOLDER) / "scripts/demo").string() + " --help");
   EXPECT_EQ(outcome.status, 0);
   EXPECT_NE(outcome.output.find("--out FOLDER"), std::string::npos) << outcome.output;
   EXPECT_EQ(outcome.output.find("installing"), std::string::npos) << outcome.output;
@@ -82,7 +83,8 @@ TEST(Readme, TheLanVehicleRunsOnceItsAddressIsThisHosts) {
   const std::string command = "vehicle --until-end " + (scratch / "vehicle.xml").string();
   const Outcome elsewhere = run_convoy(command);
   EXPECT_EQ(elsewhere.status, 2);
-  EXPECT_NE(elsewhere.output.find("interface '192.0.2.1' is no IPv4 address of this host"), std::string::npos) << elsewhere.output;
+  EXPECT_NE(elsewhere.output.find("interface '192.0.2.1' is no IPv4 address of this host"), std::string::npos)
+      << elsewhere.output;
   replace("192.0.2.1", "127.0.0.1");
   std::ofstream(scratch / "vehicle.xml") << text;
   const Outcome here = run_convoy(command);

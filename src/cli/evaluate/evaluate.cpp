@@ -223,8 +223,8 @@ PairSeries distances(const VehicleRecord& viewer, const VehicleRecord& other) {
   return series;
 }
 
-/// The corrected pose at t, between the two neighbouring rows. Empty outside of the trajectory, and where a neighbour is
-/// not aligned.
+/// The corrected pose at t, between the two neighbouring rows. Empty outside of the trajectory, and where a neighbour
+/// is not aligned.
 std::optional<SE2> corrected_at(const std::vector<PoseRow>& trajectory, double t_s) {
   const auto after = std::lower_bound(trajectory.begin(), trajectory.end(), t_s,
                                       [](const PoseRow& row, double t) { return row.t_s < t; });

@@ -1,7 +1,7 @@
 #include "report/figures.hpp"
 
-#include <algorithm>
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <cmath>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
@@ -39,9 +39,11 @@ std::string row_of(const std::string& cells) { return "<div class=\"row\">\n" + 
 std::string key_of(const std::vector<std::pair<Style, std::string>>& entries) {
   std::string out = "<p class=\"key\">";
   for (const auto& [style, text] : entries)
-    out += "<span><svg viewBox=\"0 0 26 10\" width=\"26\" height=\"10\"><line x1=\"1\" y1=\"5\" x2=\"25\" y2=\"5\" stroke=\"" +
-           style.color + "\" stroke-width=\"" + fixed(style.width, 1) + "\" stroke-opacity=\"" + fixed(style.opacity, 2) +
-           "\"/></svg> " + xml_escaped(text) + "</span>";
+    out +=
+        "<span><svg viewBox=\"0 0 26 10\" width=\"26\" height=\"10\"><line x1=\"1\" y1=\"5\" x2=\"25\" y2=\"5\" "
+        "stroke=\"" +
+        style.color + "\" stroke-width=\"" + fixed(style.width, 1) + "\" stroke-opacity=\"" + fixed(style.opacity, 2) +
+        "\"/></svg> " + xml_escaped(text) + "</span>";
   return out + "</p>\n";
 }
 
@@ -212,9 +214,10 @@ Figure slam_only(const RunRecord& run, const Evaluation& evaluation) {
   Figure figure;
   figure.title = "SLAM-only trajectories (paper, Fig. 9)";
   if (crowded(run)) {
-    figure.caption = "Each robot's own SLAM in the frame in which it started: without an exchange nothing relates these "
-                     "frames to one another, and each drifts by itself." +
-                     truth_clause(run);
+    figure.caption =
+        "Each robot's own SLAM in the frame in which it started: without an exchange nothing relates these "
+        "frames to one another, and each drifts by itself." +
+        truth_clause(run);
     figure.body = key_of({{truth_style(), "ground truth"},
                           {{vehicle_color(run, run.vehicles.front().id), 1.6}, "SLAM, in the colour of its robot"}});
     std::string cells;
@@ -225,16 +228,15 @@ Figure slam_only(const RunRecord& run, const Evaluation& evaluation) {
       metres(plot);
       plot.no_legend();
       const Placement placement = placement_of(run, evaluation, vehicle);
-      if (placement.T_frame_world)
-        plot.line(truth_path(vehicle, *placement.T_frame_world), truth_style());
+      if (placement.T_frame_world) plot.line(truth_path(vehicle, *placement.T_frame_world), truth_style());
       plot.line(slam_path(vehicle, placement.T_frame_slam), {vehicle_color(run, vehicle.id), 1.6});
       cells += cell(plot.svg(), "third");
     }
     figure.body += row_of(cells);
     return figure;
   }
-  figure.caption = "Each vehicle's own SLAM as if it had started at the origin of the common frame." +
-                   started_apart(run);
+  figure.caption =
+      "Each vehicle's own SLAM as if it had started at the origin of the common frame." + started_apart(run);
   SvgPlot plot(page_width, 560.0);
   plot.equal_aspect(240.0, 560.0);
   metres(plot);
@@ -317,8 +319,8 @@ Share held_by_drift(const RunRecord& run, const VehicleRecord& vehicle, const Pl
   for (const MapAnchor* anchor : anchors_of(run, vehicle.id)) {
     const auto truth = truth_at(vehicle.truth, anchor->stamp_s);
     if (!truth || !placement.T_frame_world) continue;
-    const Eigen::Vector2d error = (*placement.T_frame_world * *truth).translation() -
-                                  placement.T_frame_slam * anchor->T_slam_body->translation();
+    const Eigen::Vector2d error =
+        (*placement.T_frame_world * *truth).translation() - placement.T_frame_slam * anchor->T_slam_body->translation();
     const double square = squared_mahalanobis(error, drift_covariance(*anchor, placement));
     if (std::isfinite(square)) share.add(square <= bound);  // the start is known exactly and cannot be judged
   }
@@ -343,7 +345,8 @@ Share held_by_slam(const VehicleRecord& vehicle, const Placement& placement) {
 
 /// Half the length of the 95 % ellipse.
 double reach_m(const Eigen::Matrix2d& covariance) {
-  const double largest = Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance, Eigen::EigenvaluesOnly).eigenvalues()[1];
+  const double largest =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance, Eigen::EigenvaluesOnly).eigenvalues()[1];
   return std::sqrt(chi2_quantile(0.95, 2.0) * std::max(0.0, largest));
 }
 
@@ -352,7 +355,8 @@ std::string drift_findings(const RunRecord& run, const VehicleRecord& vehicle, c
   std::string text;
   const Share drift = held_by_drift(run, vehicle, placement), slam = held_by_slam(vehicle, placement);
   if (drift.judged > 0)
-    text += " At the ends of its segments, " + drift.text() + " true positions lie within the ellipse of the drift model.";
+    text +=
+        " At the ends of its segments, " + drift.text() + " true positions lie within the ellipse of the drift model.";
   if (slam.judged > 0) text += " Along the way, " + slam.text() + " lie within that of the SLAM alone.";
   const auto anchors = anchors_of(run, vehicle.id);
   const auto& rows = own_rows(vehicle);
@@ -360,18 +364,20 @@ std::string drift_findings(const RunRecord& run, const VehicleRecord& vehicle, c
     return row.vehicle == vehicle.id && row.slam && !anchors.empty() && row.t_s <= anchors.back()->stamp_s;
   });
   if (last != rows.rend())
-    text += " At the last of these ends the one reaches " + metres_text(reach_m(drift_covariance(*anchors.back(), placement))) +
-            ", the other " + metres_text(reach_m(position_covariance(*last->slam))) + ".";
+    text += " At the last of these ends the one reaches " +
+            metres_text(reach_m(drift_covariance(*anchors.back(), placement))) + ", the other " +
+            metres_text(reach_m(position_covariance(*last->slam))) + ".";
   if (drift.judged == 0 && slam.judged == 0) text += " There is no pose truth to judge the ellipses by.";
   return text;
 }
 
 Figure drift_of_first(const RunRecord& run, const Evaluation& evaluation) {
   const VehicleRecord& vehicle = run.vehicles.front();
-  return {"Drift of " + the_vehicle(run, vehicle.id) + " (paper, Fig. 10)", drift_drawing(run, evaluation, vehicle),
-          "SLAM-only trajectory before any fusion, with the 95 % ellipses of the position by the drift model (solid) and, "
-          "in the zoom, by the SLAM alone (dashed)." +
-              drift_findings(run, vehicle, placement_of(run, evaluation, vehicle))};
+  return {
+      "Drift of " + the_vehicle(run, vehicle.id) + " (paper, Fig. 10)", drift_drawing(run, evaluation, vehicle),
+      "SLAM-only trajectory before any fusion, with the 95 % ellipses of the position by the drift model (solid) and, "
+      "in the zoom, by the SLAM alone (dashed)." +
+          drift_findings(run, vehicle, placement_of(run, evaluation, vehicle))};
 }
 
 std::string small_drift_drawing(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle,
@@ -413,11 +419,12 @@ Figure drift_of_others(const RunRecord& run, const Evaluation& evaluation) {
     held.held += own.held;
     held.judged += own.judged;
   }
-  figure.caption = "The same for the other robots, each in the frame in which it started, which lies anywhere in the common "
-                   "frame before the first association." +
-                   (held.judged > 0 ? " At the ends of their segments, " + held.text() +
-                                          " true positions lie within the ellipse of the drift model."
-                                    : " There is no pose truth to judge the ellipses by.");
+  figure.caption =
+      "The same for the other robots, each in the frame in which it started, which lies anywhere in the common "
+      "frame before the first association." +
+      (held.judged > 0 ? " At the ends of their segments, " + held.text() +
+                             " true positions lie within the ellipse of the drift model."
+                       : " There is no pose truth to judge the ellipses by.");
   const std::string first_color = vehicle_color(run, run.vehicles[1].id);
   figure.body = key_of({{truth_style(), "ground truth"},
                         {{first_color, 1.2, "", 0.75}, "SLAM, in the colour of its robot"},
@@ -522,10 +529,10 @@ Figure common_map(const RunRecord& run, const Evaluation& evaluation) {
     figure.caption = "No vehicle left a map.";
     return figure;
   }
-  figure.caption =
-      "The map as " + the_vehicle(run, survivor->id) +
-      " holds it in the end: corrected trajectories with 95 % ellipses, and landmarks in the colour of who mapped them." +
-      pairing_findings(*survivor->map);
+  figure.caption = "The map as " + the_vehicle(run, survivor->id) +
+                   " holds it in the end: corrected trajectories with 95 % ellipses, and landmarks in the colour of "
+                   "who mapped them." +
+                   pairing_findings(*survivor->map);
   const MapRecord& map = *survivor->map;
   const auto rows = aligned_rows(run.vehicles.back());
   if (crowded(run) || rows.empty()) {
@@ -568,7 +575,8 @@ std::vector<Point> block_means(const std::vector<TimedValue>& seconds, std::size
 std::string traffic_findings(const RunRecord& run, const Evaluation& evaluation) {
   double first = 0.0, later = 0.0;
   for (const auto& [id, seconds] : evaluation.bytes_per_s)
-    for (std::size_t i = 0; i < seconds.size(); ++i) (i == 0 ? first : later) = std::max(i == 0 ? first : later, seconds[i].value);
+    for (std::size_t i = 0; i < seconds.size(); ++i)
+      (i == 0 ? first : later) = std::max(i == 0 ? first : later, seconds[i].value);
   if (first == 0.0 && later == 0.0) return " No vehicle left its counters.";
   const json rate = run.info.value("rate", json());
   const bool pressed = rate.is_number() && rate.get<double>() != 1.0;
@@ -680,8 +688,10 @@ Figure distances(const RunRecord& run, const Evaluation& evaluation) {
   }
   if (!cells.empty()) figure.body += row_of(cells);
   figure.caption =
-      "What the first of the two says live about its distance to the other one (blue) against the truth (black); red is "
-      "what the two SLAMs give without any exchange. The two poses are those that the vehicle has at the time, up to 1.5 s "
+      "What the first of the two says live about its distance to the other one (blue) against the truth (black); red "
+      "is "
+      "what the two SLAMs give without any exchange. The two poses are those that the vehicle has at the time, up to "
+      "1.5 s "
       "apart, and the truth is taken at the same two moments." +
       distance_findings(evaluation, drawable);
   return figure;
@@ -733,13 +743,13 @@ std::string gauge_note(const RunRecord& run, const json& m) {
       return fixed(v.at("pose_anees_" + gauge).get<double>(), 2) + " (" +
              fixed(100.0 * v.at("pose_coverage95_" + gauge).get<double>(), 1) + " % within the bound)";
     };
-    return " Here the two lie " +
-           fixed(m.at("gauge_shift_m").get<double>(), 3) + " m and " +
+    return " Here the two lie " + fixed(m.at("gauge_shift_m").get<double>(), 3) + " m and " +
            fixed(m.at("gauge_turn_rad").get<double>() * 180.0 / M_PI, 1) + " degrees apart. The start of " +
            the_vehicle(run, run.common_frame_vehicle) +
-           " is the origin of the common frame and known exactly, so whatever the fit is off counts in full against its first "
-           "poses: its ANEES is " + of("fit") + " in gauge fit and " + of("start") +
-           " in gauge start.";
+           " is the origin of the common frame and known exactly, so whatever the fit is off counts in full against "
+           "its first "
+           "poses: its ANEES is " +
+           of("fit") + " in gauge fit and " + of("start") + " in gauge start.";
   }
   return "";
 }

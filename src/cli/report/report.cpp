@@ -137,15 +137,15 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
   for (const json& v : m.at("vehicles"))
     rows.push_back({vehicle_name(run, v.at("id")) + (v.at("lost") == json(true) ? " (lost)" : ""),
                     show(v.at("landmarks_exported"), 0), show(v.at("landmarks_known"), 0),
-                    show(v.at("facts_missing"), 0), show(v.at("ate_m"), 3), show(v.at("pose_anees_fit"), 2) + " / " + show(v.at("pose_anees_start"), 2),
+                    show(v.at("facts_missing"), 0), show(v.at("ate_m"), 3),
+                    show(v.at("pose_anees_fit"), 2) + " / " + show(v.at("pose_anees_start"), 2),
                     show_percents(v.at("pose_coverage95_fit"), v.at("pose_coverage95_start")),
-                    show(v.at("trajectory_anees"), 2),
-                    show_percent(v.at("trajectory_coverage95")), show(v.at("bytes_per_s_mean"), 0),
-                    show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0), show(v.at("peak_rss_mb"), 0),
-                    show_integrity(v), show_text(v.at("map_digest"))});
+                    show(v.at("trajectory_anees"), 2), show_percent(v.at("trajectory_coverage95")),
+                    show(v.at("bytes_per_s_mean"), 0), show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0),
+                    show(v.at("peak_rss_mb"), 0), show_integrity(v), show_text(v.at("map_digest"))});
   return table({"vehicle", "landmarks exported", "known", "facts missing", "ATE [m]", "live ANEES, gauge fit / start",
-                "live within 95 %, gauge fit / start", "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]", "requests", "memory [MB]", "integrity",
-                "map digest"},
+                "live within 95 %, gauge fit / start", "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]",
+                "requests", "memory [MB]", "integrity", "map digest"},
                rows);
 }
 
@@ -153,8 +153,8 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
 std::string vehicle_note(const RunRecord& run, const json& m) {
   return "<p class=\"note\">Gauge start lays the truth onto the true start of " +
          xml_escaped(the_vehicle(run, run.common_frame_vehicle)) +
-         ", gauge fit onto all corrected trajectories by one rigid motion; this run is judged in gauge " + show_text(m.at("gauge")) + "." +
-         xml_escaped(gauge_note(run, m)) + "</p>\n";
+         ", gauge fit onto all corrected trajectories by one rigid motion; this run is judged in gauge " +
+         show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + "</p>\n";
 }
 
 std::string pair_table(const RunRecord& run, const json& m) {
@@ -167,7 +167,8 @@ std::string pair_table(const RunRecord& run, const json& m) {
   return table({"pair", "first association [s]", "distance RMSE, SLAM alone [m]", "live, after association [m]",
                 "live, 10 s later on [m]", "live, final error [m]", "corrected, whole run [m]"},
                rows) +
-         "<p class=\"note\">Live is what the vehicles knew at that moment; corrected is what they know of the whole run "
+         "<p class=\"note\">Live is what the vehicles knew at that moment; corrected is what they know of the whole "
+         "run "
          "after it, from trajectories corrected with the final map.</p>\n";
 }
 

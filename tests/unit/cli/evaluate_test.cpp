@@ -495,7 +495,8 @@ TEST_F(RunFolder, ASurvivorHasLeftAllThatItMustHaveWritten) {
     const auto file = folder_ / "vehicle_2" / name;
     const std::string before = test::read(file);
     std::filesystem::remove(file);
-    EXPECT_THAT(refusal(), HasSubstr("vehicle_2/" + std::string(name) + ": no such file, though vehicle 2 lived to the end"));
+    EXPECT_THAT(refusal(),
+                HasSubstr("vehicle_2/" + std::string(name) + ": no such file, though vehicle 2 lived to the end"));
     lost({2});
     EXPECT_EQ(refusal(), "") << name;
     lost(json::array());

@@ -168,7 +168,8 @@ TEST(Report, DriftCaptionsCountWhichEllipsesHoldTheTruth) {
 TEST(Report, TheMapCaptionCountsThePairings) {
   Page page = page_of(street());
   std::size_t pairings = 0;
-  for (const MapAssociation& association : page.run.vehicles[0].map->associations) pairings += association.pairings.size();
+  for (const MapAssociation& association : page.run.vehicles[0].map->associations)
+    pairings += association.pairings.size();
   ASSERT_GT(pairings, 10U);
   EXPECT_THAT(caption(page, 12), HasSubstr(" in " + std::to_string(pairings) + " pairings found"));
   for (MapAssociation& association : page.run.vehicles[0].map->associations) association.accepted = false;
@@ -200,14 +201,15 @@ TEST(Report, TheDistanceCaptionNamesTheReasonsOfGaps) {
     if (row.vehicle == 2 && row.t_s > 61.5 && row.t_s < 64.5) row.common.reset();
   page.evaluation = evaluate(page.run);
   EXPECT_THAT(caption(page, 14), HasSubstr("the truth has a gap at 9 poses"));
-  EXPECT_THAT(caption(page, 14), HasSubstr("Blue has a gap where the vehicle did not hold both poses in the common frame: 3 of the "));
+  EXPECT_THAT(caption(page, 14),
+              HasSubstr("Blue has a gap where the vehicle did not hold both poses in the common frame: 3 of the "));
 }
 
 TEST(Report, BothGaugesAreShownAndAFittedOneIsExplained) {
   Page page = page_of(fleet_of_five());
-  for (const char* text : {"live ANEES, gauge fit / start", "live within 95 %, gauge fit / start", "judged in gauge fit",
-                           "Judged in gauge fit", "corrected, whole run [m]",
-                           "Live is what the vehicles knew at that moment"})
+  for (const char* text :
+       {"live ANEES, gauge fit / start", "live within 95 %, gauge fit / start", "judged in gauge fit",
+        "Judged in gauge fit", "corrected, whole run [m]", "Live is what the vehicles knew at that moment"})
     EXPECT_THAT(page.text, HasSubstr(text));
   nlohmann::json m = page.evaluation.metrics;
   m["gauge_shift_m"] = 0.16;
@@ -217,7 +219,9 @@ TEST(Report, BothGaugesAreShownAndAFittedOneIsExplained) {
   m["vehicles"][0]["pose_anees_start"] = 0.998;
   m["vehicles"][0]["pose_coverage95_start"] = 0.976;
   EXPECT_THAT(gauge_note(page.run, m), HasSubstr("the two lie 0.160 m and 1.2 degrees apart. The start of robot 1 is"));
-  EXPECT_THAT(gauge_note(page.run, m), HasSubstr("its ANEES is 6171.72 (95.7 % within the bound) in gauge fit and 1.00 (97.6 % within the bound)"));
+  EXPECT_THAT(
+      gauge_note(page.run, m),
+      HasSubstr("its ANEES is 6171.72 (95.7 % within the bound) in gauge fit and 1.00 (97.6 % within the bound)"));
   EXPECT_THAT(page_of(street()).text, HasSubstr("judged in gauge start"));
   EXPECT_THAT(page_of(street()).text, Not(HasSubstr("Judged in gauge fit")));
   m["vehicles"][0]["pose_anees_start"] = nullptr;

@@ -108,7 +108,8 @@ TEST(Solve, RefusesWhatItCannotDo) {
     EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
                 HasSubstr("graph.g2o: no edges lead from vertex 0 to vertex 7; add"));
     test::write(options.graph, "EDGE_SE2 0 1 1e308 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1e308 0 0 1 0 0 1 0 1\n");
-    EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("not finite; the numbers of its edges are too"));
+    EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
+                HasSubstr("not finite; the numbers of its edges are too"));
     test::write(options.graph, "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 1 0 1 0 1\n");
     EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("graph.g2o:2: the information matrix"));
   }
