@@ -1,7 +1,9 @@
 // Vehicle: all components of one vehicle behind one door, with the thread that drives them and the one that builds maps.
 //
-//   convoy::RangeBearingEkf slam(params);                       // or any other FrontEnd
-//   convoy::Vehicle<convoy::SE2> vehicle(config, slam);
+//   convoy::RangeBearingEkf slam(ekf_params);                   // or any other FrontEnd
+//   convoy::Vehicle<convoy::SE2> vehicle(params, slam,          // see VehicleParams
+//                                        [&] { return std::make_unique<convoy::dds::DdsExchange<convoy::SE2>>(dds); },
+//                                        now_s);                // seconds on the time base of the sensor stamps
 //   vehicle.configure();                                        // opens the exchange, a new epoch
 //   vehicle.activate();                                         // starts talking
 //   vehicle.feed([&] { slam.on_odometry(t, v, omega); });       // on every sensor input

@@ -32,6 +32,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("dds", "profile", c.dds.profile_file);
   visit("dds", "participant_profile", c.dds.participant_profile);
   visit("dds", "interfaces", c.dds.interface_whitelist);
+  visit("dds", "max_queued_messages", c.dds.max_queued_messages);
 
   visit("impairment", "loss", c.impairment.loss);
   visit("impairment", "duplicate", c.impairment.duplicate);
@@ -321,6 +322,7 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(roster.empty() || members.count(v.id) != 0, "vehicle", "roster", "name this vehicle, too: " + std::to_string(v.id));
 
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
+  demand(c.dds.max_queued_messages >= 1, "dds", "max_queued_messages", "be 1 or more");
   above_zero(c.sensors.rate, "sensors", "rate");
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
 
@@ -352,6 +354,19 @@ Estimate<SE2> estimate_of(const std::filesystem::path& file, const StaticBias& b
     if (!(value >= 0.0)) refuse(at(file, lines.of("static_bias", name)), std::string("<static_bias ") + name + "> must be >= 0");
   const SE2::Tangent sigma(b.sigma_x_m, b.sigma_y_m, b.sigma_theta_rad);
   return {SE2(b.x_m, b.y_m, b.theta_rad), sigma.cwiseAbs2().asDiagonal()};
+}
+
+// The vehicle would tell everybody of it as a fact; what no fact may hold is an error here, where it is written.
+void check_static_bias(const std::filesystem::path& file, const VehicleConfig& c, const Lines& lines) {
+  if (!c.vehicle.static_bias) return;
+  PriorFact<SE2> prior;
+  prior.key.chain = {c.vehicle.id, 1};
+  prior.known = true;
+  prior.mean = c.vehicle.static_bias->mean;
+  prior.covariance = c.vehicle.static_bias->covariance;
+  if (const Insertion fit = FactStore<SE2>(c.vehicle.submaps.limits).check(prior); fit != Insertion::inserted)
+    refuse(at(file, lines.of("static_bias")), std::string("<static_bias> cannot be told to the other vehicles (") +
+                                                  to_string(fit) + "); give a pose and standard deviations of a usual size");
 }
 
 void load_document(const std::filesystem::path& file, tinyxml2::XMLDocument& document) {
@@ -400,12 +415,14 @@ VehicleConfig load_vehicle_config(const std::filesystem::path& file) {
     }
   }
   check_ranges(file, config, lines);
+  check_static_bias(file, config, lines);
   checked(file, lines.of("drift"), [&] { validate(config.vehicle.drift); });
   checked(file, lines.of("front_end"), [&] { validate(config.front_end); });
   checked(file, lines.of("association"), [&] { validate(config.vehicle.association); });
   checked(file, lines.of("impairment"), [&] { validate(config.impairment); });
   if (config.first_epoch != 0) config.vehicle.fresh_epoch = [epoch = config.first_epoch] { return epoch; };
 
+  config.dds.origin = at(file, lines.of("dds", "interfaces"));
   config.dds.profile_file = beside(file, config.dds.profile_file).string();
   config.sensors.file = beside(file, config.sensors.file);
   config.vehicle.state_folder = beside(file, config.vehicle.state_folder);

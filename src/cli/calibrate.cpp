@@ -14,6 +14,7 @@
 
 #include "evaluate/run_folder.hpp"
 #include "evaluate/truth.hpp"
+#include "scenario/json_fault.hpp"
 #include "scenario/table_file.hpp"
 
 namespace convoy::cli {
@@ -94,7 +95,7 @@ FactStore<SE2> read_facts(const fs::path& file, const std::map<VehicleId, DriftP
       if (insertion != Insertion::inserted)
         refuse(std::string("no fact that can be used (") + to_string(insertion) + ")");
     } catch (const json::exception& error) {
-      refuse(std::string("not what it should be (") + error.what() + ")");
+      refuse("not what it should be: " + json_fault(error, text));
     }
   }
   return store;

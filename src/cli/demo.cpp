@@ -6,12 +6,15 @@
 
 #include <nlohmann/json.hpp>
 
+#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <memory>
 #include <set>
@@ -31,6 +34,8 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+
+constexpr double silence_s = 5.0;  // a vehicle speaks every quarter of a second
 
 double unix_now_s() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -96,6 +101,9 @@ struct Member {
   fs::path config;
   std::unique_ptr<ChildProcess> process;
   json status;       // its last status line
+  double heard_unix_s = 0.0;  // when that came, or when the process was started
+  bool silent = false;
+  bool told_silent = false;
   bool lost = false;
   bool restarted = false;
   bool impersonated = false;
@@ -108,8 +116,7 @@ class Demo {
   explicit Demo(const DemoOptions& options) : options_(options) {
     if (!(options.rate > 0.0)) throw ConfigError("demo: --rate must be > 0");
     impairment_ = Impairment::parse(options.impair);
-    if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json"))
-      throw ConfigError(options.out.string() + ": holds a run already; name another folder with --out, or delete it");
+    if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json")) refuse_folder();
   }
 
   int run() {
@@ -117,6 +124,7 @@ class Demo {
     std::fflush(stdout);
     scenario_ = make_scenario(options_);
     choose_domain();  // before anything is written
+    claim_folder();
     scenario_.write(options_.out);
     write_text_file(options_.out / "profile.xml", read_text_file(profile_file()));
     std::printf("%s, %zu vehicles, %.0f s at %gx\n", scenario_.name.c_str(), scenario_.vehicles.size(),
@@ -136,6 +144,23 @@ class Demo {
   }
 
  private:
+  [[noreturn]] void refuse_folder() const {
+    throw ConfigError(
+        options_.out.string() +
+        ": holds a run already, or another demo has begun one; name another folder with --out, or delete it");
+  }
+
+  // Of two demos that were given one folder, one makes scenario.json first, and the other is told.
+  void claim_folder() const {
+    std::error_code failed;
+    fs::create_directories(options_.out, failed);
+    const fs::path mark = options_.out / "scenario.json";
+    const int file = open(mark.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
+    if (file < 0 && errno == EEXIST) refuse_folder();
+    if (file < 0) throw ConfigError(mark.string() + ": cannot be written (" + std::strerror(errno) + ")");
+    close(file);
+  }
+
   fs::path profile_file() const {
     if (!options_.profile.empty()) return options_.profile;
     for (const fs::path& folder : {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
@@ -206,6 +231,7 @@ class Demo {
         std::vector<std::string>{this_program().string(), "vehicle", member.config.string()},
         log_of(member));
     member.status = json::object();
+    member.heard_unix_s = unix_now_s();
   }
 
   void drive() {
@@ -245,9 +271,12 @@ class Demo {
     if (member.lost) return;
     for (const std::string& line : member.process->lines()) {
       json status = json::parse(line, nullptr, false);
-      if (status.is_object()) member.status = std::move(status);
+      if (!status.is_object()) continue;
+      member.status = std::move(status);
+      member.heard_unix_s = unix_now_s();
     }
     watch_integrity(member);
+    watch_silence(member);
     if (!member.process->ended()) return;
     member.lost = true;
     std::printf("\n      vehicle %u is gone (%s); %s\n", member.id, member.process->ended()->c_str(),
@@ -275,6 +304,16 @@ class Demo {
     std::fflush(stdout);
   }
 
+  // A process that lives and says nothing: stopped, swapped out, or stuck.
+  void watch_silence(Member& member) {
+    member.silent = unix_now_s() - member.heard_unix_s > silence_s;
+    if (!member.silent || member.told_silent || member.process->ended()) return;
+    member.told_silent = true;
+    std::printf("\n      vehicle %u has been silent for %.0f s, though process %d lives; the others go on without it\n",
+                member.id, silence_s, static_cast<int>(member.process->pid()));
+    std::fflush(stdout);
+  }
+
   std::size_t alive() const {
     return static_cast<std::size_t>(std::count_if(members_.begin(), members_.end(), [](const Member& m) { return !m.lost; }));
   }
@@ -298,8 +337,9 @@ class Demo {
     for (const Member& m : members_) {
       t_s = std::max(t_s, std::min(m.status.value("vehicle_s", 0.0), scenario_.duration_s));
       char part[96];
-      std::snprintf(part, sizeof part, "  v%u %s %d/%d", m.id, m.lost ? "LOST" : m.status.value("integrity", "...").c_str(),
-                    m.status.value("landmarks_exported", 0), m.status.value("landmarks_known", 0));
+      const std::string state = m.lost ? "LOST" : m.silent ? "SILENT" : m.status.value("integrity", "...");
+      std::snprintf(part, sizeof part, "  v%u %s %d/%d", m.id, state.c_str(), m.status.value("landmarks_exported", 0),
+                    m.status.value("landmarks_known", 0));
       text += part;
     }
     std::printf("%s      %3.0f %%  t %4.0f s%s%s", isatty(STDOUT_FILENO) ? "\r" : "",

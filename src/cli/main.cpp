@@ -63,6 +63,7 @@ int main(int argc, char** argv) {
   evaluate_command->add_option("run", run_folder, "run folder")->required();
   evaluate_command->callback([&] {
     const cli::RunRecord run = cli::read_run(run_folder);
+    cli::expect_survivors(run);
     const cli::Evaluation evaluation = cli::evaluate(run);
     cli::write_evaluation(run, evaluation);
     cli::write_report(run, evaluation);

@@ -103,15 +103,41 @@ PoseResidual residual_named(const std::string& name) {
   throw ConfigError("--residual " + name + " is not known; give g2o or log");
 }
 
+/// Without edges between two parts nothing says how they lie to one another.
+template <class G>
+void refuse_if_disconnected(const PoseGraph<G>& graph, const G2oFile& file, const SolveOptions& options) {
+  const std::vector<bool> first_of_part = fixed_poses(graph);
+  for (std::size_t k = 1; k < first_of_part.size(); ++k)
+    if (first_of_part[k])
+      throw ConfigError(options.graph.string() + ": no edges lead from vertex " + std::to_string(file.vertices[0].id) +
+                        " to vertex " + std::to_string(file.vertices[k].id) +
+                        "; add the edges that are missing, or solve the parts of the graph one by one");
+}
+
+/// Numbers that are finite one by one can still run over once they are multiplied.
+template <class G>
+void refuse_if_not_finite(const std::vector<G>& poses, const PoseGraphReport& report, const G2oFile& file,
+                          const SolveOptions& options) {
+  const std::string end = "; the numbers of its edges are too large or too far apart to be solved in double precision";
+  for (std::size_t k = 0; k < poses.size(); ++k)
+    if (!poses[k].translation().allFinite() || !poses[k].rotation().allFinite())
+      throw ConfigError(options.graph.string() + ": vertex " + std::to_string(file.vertices[k].id) +
+                        " gets a pose that is not finite" + end);
+  if (!std::isfinite(report.initial_cost) || !std::isfinite(report.final_cost))
+    throw ConfigError(options.graph.string() + ": the cost is not finite" + end);
+}
+
 template <class G>
 SolveSummary solve_in(const G2oFile& file, const SolveOptions& options, const PoseGraphParams& params) {
   PoseGraph<G> graph = pose_graph<G>(file);
+  refuse_if_disconnected(graph, file, options);
   const Clock::time_point start = Clock::now();
   graph.poses = composed_poses(graph);
   const Solution<G> solution =
       options.incremental ? solve_incrementally(graph, file, options, params) : solve_batch(graph, params);
   SolveSummary summary{graph.poses.size(), graph.factors.size(), solution.report, seconds_since(start)};
   summary.report.initial_cost = pose_graph_cost(params.residual, graph.factors, graph.poses);
+  refuse_if_not_finite(solution.poses, summary.report, file, options);
 
   nlohmann::ordered_json json{{"dim", file.dim},
                               {"nodes", summary.nodes},

@@ -24,7 +24,8 @@ struct SolveSummary {
   double seconds = 0.0;  ///< wall time, without reading and writing
 };
 
-/// Solves and writes. Progress goes to stdout once it takes longer than two seconds. Throws ConfigError.
+/// Solves and writes; a graph of several parts, or one whose solution is not finite, is refused and nothing is written.
+/// Progress goes to stdout once it takes longer than two seconds. Throws ConfigError.
 SolveSummary solve_graph(const SolveOptions& options);
 
 /// The same for the command: prints a summary. Returns 0, or 1 if the solution did not converge. Throws ConfigError.

@@ -287,10 +287,13 @@ void check_interfaces(const std::string& where, const std::vector<std::string>& 
 }
 
 /// Puts a counter between the participant and each transport of its profile.
-void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config,
+void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, const ProfileFile& profiles,
                       const std::shared_ptr<WireCounters>& counters) {
   using eprosima::fastdds::rtps::UDPv4TransportDescriptor;
-  const std::string where = config.profile_file + ": participant profile '" + config.participant_profile + "': ";
+  const std::string where = profiles.where("participant", config.participant_profile) + ": participant profile '" +
+                            config.participant_profile + "': ";
+  const std::string origin =
+      config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)";
   if (qos.transport().use_builtin_transports)
     throw ConfigError(where + "write <useBuiltinTransports>false</useBuiltinTransports>; the built-in transports speak "
                               "on every interface and cannot be counted");
@@ -302,9 +305,12 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config,
     auto udp = std::make_shared<UDPv4TransportDescriptor>(*profile);
     if (!config.interface_whitelist.empty()) udp->interfaceWhiteList = config.interface_whitelist;
     if (udp->interfaceWhiteList.empty())
-      throw ConfigError(where + "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
-                                "descriptor or in the configuration");
-    check_interfaces(where, udp->interfaceWhiteList);
+      throw ConfigError(where +
+                        "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
+                        "descriptor or in " +
+                        origin);
+    const bool from_config = !config.interface_whitelist.empty() && !config.origin.empty();
+    check_interfaces(from_config ? config.origin + ": " : where, udp->interfaceWhiteList);
     descriptor = std::make_shared<CountingTransportDescriptor>(std::move(udp), counters);
   }
 }
@@ -339,7 +345,7 @@ class Entities {
   void create_participant(const DdsConfig& config, const ProfileFile& profiles,
                           const std::shared_ptr<WireCounters>& counters) {
     edds::DomainParticipantQos qos = profiles.participant(config.participant_profile);
-    count_transports(qos, config, counters);
+    count_transports(qos, config, profiles, counters);
     qos.wire_protocol().prefix = random_prefix();
     own_ = need(factory_->create_participant(config.domain, qos), domain_,
                 "participant '" + config.participant_profile + "' in domain " + std::to_string(config.domain));

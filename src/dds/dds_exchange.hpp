@@ -21,6 +21,7 @@ struct DdsConfig {
   std::string profile_file;                      ///< path of the XML profile file (see qos_profiles/README.md)
   std::string participant_profile = "convoy";    ///< name of the participant profile in it
   std::vector<std::string> interface_whitelist;  ///< IPv4 addresses to speak on; replaces that of the profile if given
+  std::string origin;                            ///< "file:line" of the whitelist's text, for errors; may be empty
   std::size_t max_queued_messages = 65536;       ///< received and not yet taken, >= 1; what comes beyond is dropped
 
   /// The host's own participant, in place of one from the profile. It must outlive the exchange. Its transports are

@@ -35,15 +35,15 @@ std::string prefix_of(const std::string& text) {
   return prefix.str();
 }
 
-/// Puts `prefix` before every name of a profile or a transport below `parent` and collects the profiles.
+/// Puts `prefix` before every name of a profile or a transport below `parent` and collects the profiles' lines.
 void rename(tinyxml2::XMLElement& parent, const std::string& prefix, const std::string& path,
-            std::set<std::pair<std::string, std::string>>& profiles) {
+            std::map<std::pair<std::string, std::string>, int>& line_of) {
   for (auto* child = parent.FirstChildElement(); child != nullptr; child = child->NextSiblingElement()) {
     const std::string element = child->Name();
     if (element == "library_settings" || element == "log" || child->BoolAttribute("is_default_profile"))
       fail(path, child->GetLineNum(), "'" + element + "' would change the whole process; take it out");
     if (const char* name = child->Attribute("profile_name")) {
-      if (!profiles.emplace(element, name).second)
+      if (!line_of.emplace(std::pair(element, name), child->GetLineNum()).second)
         fail(path, child->GetLineNum(), "a second " + element + " profile '" + name + "'; only the first would count");
       child->SetAttribute("profile_name", (prefix + name).c_str());
     }
@@ -51,7 +51,7 @@ void rename(tinyxml2::XMLElement& parent, const std::string& prefix, const std::
       const std::string id = prefix + child->GetText();
       child->SetText(id.c_str());
     }
-    rename(*child, prefix, path, profiles);
+    rename(*child, prefix, path, line_of);
   }
 }
 
@@ -63,13 +63,13 @@ ProfileFile::ProfileFile(const std::string& path) : path_(path) {
   tinyxml2::XMLDocument document;
   if (document.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
     fail(path, document.ErrorLineNum(), std::string("not well-formed XML: ") + document.ErrorStr());
-  rename(*document.RootElement(), prefix_, path, profiles_);
+  rename(*document.RootElement(), prefix_, path, line_of_);
 
   auto* factory = edds::DomainParticipantFactory::get_instance();
   edds::DomainParticipantQos known;
-  for (const auto& [element, name] : profiles_)
-    if (element == "participant" &&
-        factory->get_participant_qos_from_profile(prefix_ + name, known) == ReturnCode_t::RETCODE_OK)
+  for (const auto& [profile, line] : line_of_)
+    if (profile.first == "participant" &&
+        factory->get_participant_qos_from_profile(prefix_ + profile.second, known) == ReturnCode_t::RETCODE_OK)
       return;  // the same content was loaded before
   tinyxml2::XMLPrinter printed;
   document.Print(&printed);
@@ -79,30 +79,35 @@ ProfileFile::ProfileFile(const std::string& path) : path_(path) {
 }
 
 std::string ProfileFile::table_name(const std::string& element, const std::string& name) const {
-  if (!profiles_.contains({element, name}))
+  if (!line_of_.contains({element, name}))
     fail(path_, 0, "no " + element + " profile '" + name + "'; add <" + element + " profile_name=\"" + name + "\">");
   return prefix_ + name;
+}
+
+std::string ProfileFile::where(const std::string& element, const std::string& name) const {
+  const auto line = line_of_.find({element, name});
+  return path_ + (line == line_of_.end() ? "" : ":" + std::to_string(line->second));
 }
 
 edds::DomainParticipantQos ProfileFile::participant(const std::string& name) const {
   edds::DomainParticipantQos qos;
   const auto* factory = edds::DomainParticipantFactory::get_instance();
   if (factory->get_participant_qos_from_profile(table_name("participant", name), qos) != ReturnCode_t::RETCODE_OK)
-    fail(path_, 0, "Fast DDS did not take the participant profile '" + name + "'");
+    throw ConfigError(where("participant", name) + ": Fast DDS did not take the participant profile '" + name + "'");
   return qos;
 }
 
 edds::DataWriterQos ProfileFile::writer(const edds::Publisher& publisher, const std::string& name) const {
   edds::DataWriterQos qos;
   if (publisher.get_datawriter_qos_from_profile(table_name("data_writer", name), qos) != ReturnCode_t::RETCODE_OK)
-    fail(path_, 0, "Fast DDS did not take the data_writer profile '" + name + "'");
+    throw ConfigError(where("data_writer", name) + ": Fast DDS did not take the data_writer profile '" + name + "'");
   return qos;
 }
 
 edds::DataReaderQos ProfileFile::reader(const edds::Subscriber& subscriber, const std::string& name) const {
   edds::DataReaderQos qos;
   if (subscriber.get_datareader_qos_from_profile(table_name("data_reader", name), qos) != ReturnCode_t::RETCODE_OK)
-    fail(path_, 0, "Fast DDS did not take the data_reader profile '" + name + "'");
+    throw ConfigError(where("data_reader", name) + ": Fast DDS did not take the data_reader profile '" + name + "'");
   return qos;
 }
 

@@ -9,7 +9,7 @@
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 
-#include <set>
+#include <map>
 #include <string>
 #include <utility>
 
@@ -27,13 +27,15 @@ class ProfileFile {
   eprosima::fastdds::dds::DataReaderQos reader(const eprosima::fastdds::dds::Subscriber& subscriber,
                                                const std::string& name) const;
   const std::string& path() const { return path_; }
+  /// "path:line" of the named profile; the path alone if the file has none of this name.
+  std::string where(const std::string& element, const std::string& name) const;
 
  private:
   std::string table_name(const std::string& element, const std::string& name) const;
 
   std::string path_;
   std::string prefix_;  // of this file's names in the table of Fast DDS
-  std::set<std::pair<std::string, std::string>> profiles_;  // element, name
+  std::map<std::pair<std::string, std::string>, int> line_of_;  // element, name
 };
 
 }  // namespace convoy::dds

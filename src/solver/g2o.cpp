@@ -131,12 +131,23 @@ class Parser {
     std::size_t field = 3 + numbers;
     for (int r = 0; r < n; ++r)
       for (int c = r; c < n; ++c) parsed.information(r, c) = parsed.information(c, r) = number(field++);
-    const Eigen::VectorXd values =
-        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(parsed.information, Eigen::EigenvaluesOnly).eigenvalues();
-    if (values.minCoeff() < -1e-9 * std::abs(values.maxCoeff()) || values.maxCoeff() <= 0.0)
-      refuse("the information matrix (upper triangle, row by row) is not positive semi-definite: smallest eigenvalue " +
-             std::to_string(values.minCoeff()) + ", largest " + std::to_string(values.maxCoeff()));
+    check_information(parsed.information);
     file_.edges.push_back(std::move(parsed));
+  }
+
+  // Positive definite, whatever the units of its rows: judged by what is left after scaling the diagonal to 1.
+  void check_information(const Eigen::MatrixXd& W) const {
+    constexpr double kSmallest = 1e-12;
+    const std::string which = "the information matrix (upper triangle, row by row) is not positive definite: ";
+    if (!(W.diagonal().array() > 0.0).all())
+      refuse(which + "each entry of its diagonal must be above 0; correct or remove the line");
+    const Eigen::VectorXd scale = W.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::MatrixXd scaled = scale.asDiagonal() * W * scale.asDiagonal();
+    const double smallest =
+        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(scaled, Eigen::EigenvaluesOnly).eigenvalues()[0];
+    if (!(smallest > kSmallest))
+      refuse(which + (std::abs(smallest) <= kSmallest ? "it is singular" : "an eigenvalue is negative") +
+             "; correct or remove the line");
   }
 
   void fix() {

@@ -22,7 +22,7 @@ struct G2oFile {
   struct Edge {
     int from = 0, to = 0;          ///< indices into vertices
     std::vector<double> measured;  ///< like Vertex::pose
-    Eigen::MatrixXd information;   ///< 3 x 3 or 6 x 6, positive semi-definite, order of the residual
+    Eigen::MatrixXd information;   ///< 3 x 3 or 6 x 6, positive definite, order of the residual
   };
   int dim = 2;  ///< 2: SE2, 3: SE3:QUAT
   std::vector<Vertex> vertices;
@@ -33,7 +33,7 @@ struct G2oFile {
 /// all vertices; they are then those that edges name. Throws ConfigError, "file:line: what, and how to mend it", for
 /// anything else: other tags, both dimensions, a missing or extra field, numbers that are none or not finite, an id
 /// given twice, an edge that names a vertex that is not there or the same one twice, an information matrix that is not
-/// positive semi-definite, no edges at all.
+/// positive definite, no edges at all.
 G2oFile read_g2o(const std::filesystem::path& path);
 /// The same from text; `name` stands for the file in errors.
 G2oFile parse_g2o(std::string_view text, const std::string& name);

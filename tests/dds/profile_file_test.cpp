@@ -1,5 +1,6 @@
 #include "dds_testing.hpp"
 
+#include <convoy/components/vehicle_config.hpp>
 #include <convoy/dds/profile_file.hpp>
 
 #include <gmock/gmock.h>
@@ -91,6 +92,8 @@ TEST(ProfileFile, ProcessWideSettingsAreRefused) {
 }
 
 TEST(ProfileFile, BuiltInTransportsAreRefused) {
+  EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"),
+              ::testing::ContainsRegex("\\.xml:[0-9]+: participant"));
   EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"), HasSubstr("useBuiltinTransports"));
 }
 
@@ -98,6 +101,9 @@ TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
   DdsConfig config = config_of_this_test();
   config.profile_file = CONVOY_QOS_PROFILES "/lan.xml";
   EXPECT_THAT(refusal(config), HasSubstr("no <interfaceWhiteList>"));
+  EXPECT_THAT(refusal(config), ::testing::ContainsRegex("lan\\.xml:[0-9]+: participant profile 'convoy': "));
+  config.origin = "vehicle.xml:3";
+  EXPECT_THAT(refusal(config), HasSubstr("or in vehicle.xml:3 (<dds interfaces=\"...\">)"));
 }
 
 TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {
@@ -105,9 +111,23 @@ TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {
   config.profile_file = CONVOY_QOS_PROFILES "/lan.xml";
   config.interface_whitelist = {"192.0.2.7"};  // a documentation address: nobody's
   EXPECT_THAT(refusal(config), HasSubstr("'192.0.2.7' is no IPv4 address of this host; it has 127.0.0.1"));
+  config.origin = "vehicle.xml:3";
+  EXPECT_EQ(refusal(config).rfind("vehicle.xml:3: interface '192.0.2.7' is no IPv4 address", 0), 0U);
   config.interface_whitelist = {"127.0.0.1"};
   DdsExchange<SE2> a(config), b(config);
   EXPECT_TRUE(all_connected({&a, &b}));
+}
+
+TEST(ProfileFile, TheLanVehicleIsWholeButForItsAddress) {
+  VehicleConfig vehicle = load_vehicle_config(CONVOY_QOS_PROFILES "/lan_vehicle.xml");
+  EXPECT_EQ(std::filesystem::path(vehicle.dds.profile_file).filename(), "lan.xml");
+  vehicle.dds.domain = config_of_this_test().domain;
+  EXPECT_THAT(refusal(vehicle.dds),
+              ::testing::ContainsRegex("lan_vehicle\\.xml:[0-9]+: interface '192\\.0\\.2\\.1' is no IPv4"));
+  vehicle.dds.interface_whitelist = {"127.0.0.1"};
+  const auto first = open_exchange(vehicle);
+  DdsExchange<SE2> second(vehicle.dds);
+  EXPECT_TRUE(second.wait_for_peers(1, 20.0));
 }
 
 TEST(ProfileFile, TwoFilesOfEqualNamesDoNotMix) {

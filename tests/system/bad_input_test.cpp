@@ -146,8 +146,31 @@ TEST(BadInput, ARunFolderThatIsDamagedIsNamedOnOneLine) {
   write(scratch / "vehicle_1/traffic.csv", "t_s,bytes_sent,messages_sent\n");
   expect_refusal(evaluate, "traffic.csv:1: no row below the header");
   fs::remove(scratch / "vehicle_1/traffic.csv");
+  fs::remove_all(scratch / "vehicle_1");
+  expect_refusal(evaluate, "vehicle_1/live.csv: no such file, though vehicle 1 lived to the end");
+  EXPECT_FALSE(fs::exists(scratch / "metrics.json"));
+  write(scratch / "run.json",
+        R"({"scenario":"street","common_frame_vehicle":1,"vehicles":[1,2],"lost_vehicles":[1,2]})");
   fs::create_directory(scratch / "metrics.json");  // where the verdict should go
   expect_refusal(evaluate, "metrics.json: cannot be written");
+}
+
+TEST(BadInput, APoseGraphThatHasNoSolutionIsRefusedAndNothingIsWritten) {
+  const ScratchFolder scratch;
+  const std::string solve = "solve " + (scratch / "g.g2o").string() + " --out " + (scratch / "out").string();
+  const auto refused = [&](const std::string& graph, const std::string& words) {
+    write(scratch / "g.g2o", graph);
+    for (const char* how : {"", " --incremental"}) {
+      expect_refusal(solve + how, words);
+      EXPECT_FALSE(fs::exists(scratch / "out"));
+    }
+  };
+  const std::string good = "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n";
+  refused(good + "EDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n", "no edges lead from vertex 0 to vertex 5");
+  refused(good + "EDGE_SE2 1 2 1 0 0 1 1 0 1 0 1\n", "g.g2o:2: the information matrix");
+  refused(good + "EDGE_SE2 1 2 1 0 0 0 0 0 0 0 0\n", "g.g2o:2: the information matrix");
+  refused(good + "EDGE_SE2 1 2 nan 0 0 1 0 0 1 0 1\n", "g.g2o:2: field 4 is 'nan'");
+  refused("EDGE_SE2 0 1 1e308 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1e308 0 0 1 0 0 1 0 1\n", "not finite");
 }
 
 TEST(BadInput, AMissingConfigurationIsNamed) { expect_refusal("vehicle /nowhere/config.xml", "/nowhere/config.xml: no such file"); }
@@ -198,6 +221,24 @@ TEST(BadInput, ARunIsNeverWrittenOver) {
   const ScratchFolder scratch;
   write(scratch / "run.json", "{}");
   expect_refusal("demo --out " + scratch.path().string(), "holds a run already");
+}
+
+TEST(BadInput, OfTwoDemosWithOneFolderTheSecondIsRefused) {
+  const ScratchFolder scratch;
+  const std::string run = (scratch / "run").string();
+  std::vector<std::string> outputs;
+  std::vector<int> statuses;
+  {
+    Background one({"demo", "--rate", "40", "--out", run}, scratch / "one"),
+        two({"demo", "--rate", "40", "--out", run}, scratch / "two");
+    statuses = {one.wait(), two.wait()};
+  }
+  for (const char* name : {"one", "two"}) outputs.push_back(read_text(scratch / name));
+  const std::size_t loser = statuses[0] == 2 ? 0 : 1;
+  EXPECT_EQ(statuses[loser], 2) << outputs[0] << outputs[1];
+  EXPECT_NE(outputs[loser].find("holds a run already, or another demo has begun one"), std::string::npos)
+      << outputs[loser];
+  EXPECT_EQ(statuses[1 - loser], 0) << outputs[1 - loser];
 }
 
 }  // namespace

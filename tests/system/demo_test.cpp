@@ -144,6 +144,28 @@ TEST(Demo, WhenNoneIsLeftItSaysSoAndFails) {
   EXPECT_EQ(output.find("started share one map"), std::string::npos) << output;
 }
 
+TEST(Demo, AVehicleThatFallsSilentIsNamedOnceAndMayComeBack) {
+  const ScratchFolder scratch;
+  const fs::path run = scratch / "run";
+  Background demo({"demo", "--rate", "10", "--out", run.string()}, scratch / "output");
+  ASSERT_TRUE(wait_for_rows(run / "vehicle_2/live.csv", 3));
+  const pid_t victim = vehicle_pid(run / "vehicle_2/config.xml");
+  ASSERT_GT(victim, 1);
+  ASSERT_EQ(kill(victim, SIGSTOP), 0);
+  const std::string said = "vehicle 2 has been silent for 5 s";
+  const auto times = [&](const std::string& words) {
+    const std::string output = read_text(scratch / "output");
+    std::size_t count = 0;
+    for (std::size_t at = output.find(words); at != std::string::npos; at = output.find(words, at + 1)) ++count;
+    return count;
+  };
+  EXPECT_TRUE(eventually([&] { return times(said) > 0 && times("v2 SILENT") > 0; }));
+  ASSERT_EQ(kill(victim, SIGCONT), 0);
+  EXPECT_EQ(demo.wait(), 0) << read_text(scratch / "output");
+  EXPECT_EQ(times(said), 1U);
+  EXPECT_EQ(times("vehicle 1 has been silent"), 0U);
+}
+
 TEST(Demo, FiveRealRobotsWithHiddenIdentities) {
   const auto data = data_folder();
   if (!data) GTEST_SKIP() << "no recorded data; set CONVOY_DATA_DIR to a folder that holds utias_mrclam/ds6";

@@ -1,6 +1,8 @@
 // Every command that the README shows is run (those that install packages or build everything: their syntax).
 #include <gtest/gtest.h>
 
+#include <unistd.h>
+
 #include <fstream>
 #include <vector>
 
@@ -56,6 +58,38 @@ TEST(Readme, EveryCommandRuns) {
     ++ran;
   }
   EXPECT_GE(ran, 2);
+}
+
+TEST(Readme, TheDemoScriptExplainsItself) {
+  const Outcome outcome =
+      run_shell((std::filesystem::path(CONVOY_SOURCE_FOLDER) / "scripts/demo").string() + " --help");
+  EXPECT_EQ(outcome.status, 0);
+  EXPECT_NE(outcome.output.find("--out FOLDER"), std::string::npos) << outcome.output;
+  EXPECT_EQ(outcome.output.find("installing"), std::string::npos) << outcome.output;
+}
+
+TEST(Readme, TheLanVehicleRunsOnceItsAddressIsThisHosts) {
+  const ScratchFolder scratch;
+  const std::filesystem::path profiles = std::filesystem::path(CONVOY_SOURCE_FOLDER) / "qos_profiles";
+  std::string text = read_text(profiles / "lan_vehicle.xml");
+  const auto replace = [&text](const std::string& from, const std::string& to) {
+    ASSERT_NE(text.find(from), std::string::npos) << from;
+    text.replace(text.find(from), from.size(), to);
+  };
+  replace("profile=\"lan.xml\"", "profile=\"" + (profiles / "lan.xml").string() + "\"");
+  replace("domain=\"7\"", "domain=\"" + std::to_string(5 + getpid() % 14) + "\"");
+  std::ofstream(scratch / "vehicle.xml") << text;
+  std::ofstream(scratch / "sensors.csv") << "t_s,kind,a,b,c\n0,odometry,1,0,\n1,odometry,1,0,\n";
+  const std::string command = "vehicle --until-end " + (scratch / "vehicle.xml").string();
+  const Outcome elsewhere = run_convoy(command);
+  EXPECT_EQ(elsewhere.status, 2);
+  EXPECT_NE(elsewhere.output.find("interface '192.0.2.1' is no IPv4 address of this host"), std::string::npos)
+      << elsewhere.output;
+  replace("192.0.2.1", "127.0.0.1");
+  std::ofstream(scratch / "vehicle.xml") << text;
+  const Outcome here = run_convoy(command);
+  EXPECT_EQ(here.status, 0) << here.output;
+  EXPECT_TRUE(std::filesystem::exists(scratch / "run/summary.json"));
 }
 
 }  // namespace

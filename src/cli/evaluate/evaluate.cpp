@@ -199,21 +199,50 @@ std::vector<const PoseRow*> rows_of(const VehicleRecord& viewer, VehicleId id) {
   return rows;
 }
 
-/// The distance between `viewer` and `other`, second by second, as the viewer saw it.
-std::vector<DistanceSample> distances(const VehicleRecord& viewer, const VehicleRecord& other) {
+double between(const SE2& a, const SE2& b) { return (a.translation() - b.translation()).norm(); }
+
+/// The distance between `viewer` and `other`, second by second, as the viewer saw it; what it did not see is counted.
+PairSeries distances(const VehicleRecord& viewer, const VehicleRecord& other) {
   const auto own_rows = rows_of(viewer, viewer.id), other_rows = rows_of(viewer, other.id);
-  const auto between = [](const SE2& a, const SE2& b) { return (a.translation() - b.translation()).norm(); };
-  std::vector<DistanceSample> samples;
+  PairSeries series;
   for (const PoseRow* own : own_rows) {
     const PoseRow* peer = nearest(other_rows, own->t_s);
-    if (!peer || !own->slam || !peer->slam) continue;
+    if (!peer || !own->slam || !peer->slam) {
+      ++series.without_peer;
+      continue;
+    }
     const auto own_truth = truth_at(viewer.truth, own->t_s), peer_truth = truth_at(other.truth, peer->t_s);
-    if (!own_truth || !peer_truth) continue;
+    if (!own_truth || !peer_truth) {
+      ++series.without_truth;
+      continue;
+    }
     DistanceSample sample{own->t_s, between(*own_truth, *peer_truth), between(own->slam->T, peer->slam->T), {}};
     if (own->common && peer->common) sample.convoy_m = between(own->common->T, peer->common->T);
-    samples.push_back(sample);
+    series.distances.push_back(sample);
   }
-  return samples;
+  return series;
+}
+
+/// The corrected pose at t, between the two neighbouring rows. Empty outside of the trajectory, and where a neighbour
+/// is not aligned.
+std::optional<SE2> corrected_at(const std::vector<PoseRow>& trajectory, double t_s) {
+  const auto after = std::lower_bound(trajectory.begin(), trajectory.end(), t_s,
+                                      [](const PoseRow& row, double t) { return row.t_s < t; });
+  if (after == trajectory.end() || !after->common) return std::nullopt;
+  if (after->t_s == t_s) return after->common->T;
+  if (after == trajectory.begin() || !std::prev(after)->common) return std::nullopt;
+  const PoseRow& before = *std::prev(after);
+  return interpolated(before.common->T, after->common->T, (t_s - before.t_s) / (after->t_s - before.t_s));
+}
+
+/// What the distance is off by at each row of `own`, the other vehicle's pose taken at the same moment.
+void add_corrected_errors(const VehicleRecord& own, const VehicleRecord& other, RootMeanSquare& errors) {
+  for (const PoseRow& row : own.trajectory) {
+    if (!row.common) continue;
+    const auto peer = corrected_at(other.trajectory, row.t_s);
+    const auto own_truth = truth_at(own.truth, row.t_s), peer_truth = truth_at(other.truth, row.t_s);
+    if (peer && own_truth && peer_truth) errors.add(between(row.common->T, *peer) - between(*own_truth, *peer_truth));
+  }
 }
 
 std::vector<const MapAssociation*> accepted_by_time(const MapRecord& map) {
@@ -255,11 +284,12 @@ std::optional<double> first_association(const MapRecord& map, VehicleId a, Vehic
 json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecord& b, PairSeries& series) {
   const VehicleRecord* survivor = run.first_survivor();
   if (survivor) series.first_association_s = first_association(*survivor->map, a.id, b.id);
-  RootMeanSquare raw, raw_after, convoy, convoy_settled;
+  RootMeanSquare raw, raw_after, convoy, convoy_settled, corrected;
   std::optional<double> final_error;
   for (const auto& [viewer, other] : {std::pair(&a, &b), std::pair(&b, &a)}) {
-    const auto samples = distances(*viewer, *other);
-    for (const DistanceSample& sample : samples) {
+    add_corrected_errors(*viewer, *other, corrected);
+    const PairSeries seen = distances(*viewer, *other);
+    for (const DistanceSample& sample : seen.distances) {
       raw.add(sample.raw_m - sample.true_m);
       if (!series.first_association_s || sample.t_s < *series.first_association_s) continue;
       raw_after.add(sample.raw_m - sample.true_m);
@@ -269,8 +299,10 @@ json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecor
       if (sample.t_s >= *series.first_association_s + settling_s) convoy_settled.add(error);
     }
     if (series.distances.empty()) {
-      series.distances = samples;
-      for (const DistanceSample& sample : samples)
+      series.distances = seen.distances;
+      series.without_peer = seen.without_peer;
+      series.without_truth = seen.without_truth;
+      for (const DistanceSample& sample : seen.distances)
         if (sample.convoy_m) final_error = std::abs(*sample.convoy_m - sample.true_m);
     }
   }
@@ -283,6 +315,7 @@ json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecor
       {"distance_rmse_raw_after_m", or_null(raw_after.value())},
       {"distance_rmse_m", or_null(convoy.value())},
       {"distance_rmse_settled_m", or_null(convoy_settled.value())},
+      {"distance_rmse_corrected_m", or_null(corrected.value())},
       {"distance_error_final_m", or_null(final_error)}};
 }
 
@@ -428,6 +461,9 @@ Evaluation evaluate(const RunRecord& run) {
   result.T_world_common = chosen.T_world_common;
   if (!result.T_world_common && landmark_fit) result.T_world_common = landmark_fit->T_to_from;
 
+  std::optional<SE2> gauge_step;  // from gauge "start" to gauge "fit"
+  if (gauges[0].T_world_common && fitted) gauge_step = gauges[0].T_world_common->inverse() * *fitted;
+
   json vehicles = json::array();
   std::map<std::string, Consistency> fleet_live;
   Consistency fleet_chosen, fleet_corrected;
@@ -469,7 +505,9 @@ Evaluation evaluate(const RunRecord& run) {
   json pairs = json::array();
   for (std::size_t a = 0; a < run.vehicles.size(); ++a)
     for (std::size_t b = a + 1; b < run.vehicles.size(); ++b) {
-      result.pairs.push_back({run.vehicles[a].id, run.vehicles[b].id, {}, {}});
+      result.pairs.emplace_back();
+      result.pairs.back().a = run.vehicles[a].id;
+      result.pairs.back().b = run.vehicles[b].id;
       pairs.push_back(judge_pair(run, run.vehicles[a], run.vehicles[b], result.pairs.back()));
     }
 
@@ -478,6 +516,8 @@ Evaluation evaluate(const RunRecord& run) {
              {"source", info_or_null(run, "source")},
              {"seed", info_or_null(run, "seed")},
              {"gauge", chosen.name},
+             {"gauge_shift_m", gauge_step ? json(gauge_step->translation().norm()) : json()},
+             {"gauge_turn_rad", gauge_step ? json(std::abs(gauge_step->theta())) : json()},
              {"vehicles", std::move(vehicles)},
              {"pairs", std::move(pairs)},
              {"associations", judge_associations(run)},

@@ -10,7 +10,11 @@
 // pose_anees and pose_coverage95 use "start" for the street and "fit" for MR.CLAM; both are given under their own
 // names (..._start, ..._fit). A third variant, ..._mounted, uses "fit" and takes off, vehicle by vehicle, the angle and
 // the forward offset of the truth's body frame, found from the truth alone (find_truth_mount). Position errors (ATE)
-// always use "fit" and the truth as it was recorded.
+// always use "fit" and the truth as it was recorded. gauge_shift_m and gauge_turn_rad say how far "fit" lies from
+// "start". The start of the common-frame vehicle is known exactly, so that its first poses hardly have a covariance: in
+// gauge "fit" this distance counts against them in full, and its pose_anees may be in the thousands by a few poses
+// alone. Its pose_anees_start knows nothing of that, and a coverage counts those few poses as few; the report shows
+// both gauges.
 //
 // Consistency. NEES = r^T P^-1 r, r = Log(T_est^-1 T_true), 3 degrees of freedom; anees is the mean of NEES / 3 (1 is
 // ideal, above is overconfident), coverage95 the share with NEES <= chi2(0.95, 3). "Live" is what a vehicle said of
@@ -21,7 +25,10 @@
 // Distances. Of a pair, as both vehicles saw it live: a's own pose with the pose of b whose stamp is nearest (within
 // 1.5 s), against the truth at the same two stamps, so that latency does not look like error. "raw" takes each
 // vehicle's SLAM pose as if all had started in one place. The pair's first association is the first moment at which
-// accepted associations link the two, directly or through others.
+// accepted associations link the two, directly or through others; distance_rmse_m and ..._settled_m (10 s later on)
+// begin there. distance_rmse_corrected_m instead is of the whole run, as the vehicles know it in the end: at each row
+// of one corrected trajectory the other's pose at the same moment, between its two neighbouring rows along the
+// geodesic, and the same with the two exchanged.
 #pragma once
 
 #include <map>
@@ -52,6 +59,8 @@ struct PairSeries {
   VehicleId a = 0, b = 0;
   std::optional<double> first_association_s;
   std::vector<DistanceSample> distances;  ///< as seen by the first vehicle of the pair that left a live.csv
+  std::size_t without_peer = 0;           ///< its poses to which none of the other one was near enough in time
+  std::size_t without_truth = 0;          ///< its poses where the truth of one of the two has a gap
 };
 
 struct Evaluation {

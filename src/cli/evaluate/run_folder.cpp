@@ -4,6 +4,7 @@
 #include <convoy/config_error.hpp>
 #include <set>
 
+#include "scenario/json_fault.hpp"
 #include "scenario/table_file.hpp"
 
 namespace convoy::cli {
@@ -133,10 +134,12 @@ MapRecord map_from(const json& object) {
 /// `use` on the parsed file; every fault of the text is a ConfigError that names the file.
 template <class Use>
 void with_json(const fs::path& file, const Use& use) {
+  const std::string text = read_text_file(file);
   try {
-    use(json::parse(read_text_file(file)));
+    use(json::parse(text));
   } catch (const json::exception& error) {
-    throw ConfigError(file.string() + ": not what it should be (" + error.what() + "); the run has to be repeated");
+    throw ConfigError(file.string() + ": not what it should be: " + json_fault(error, text) +
+                      "; the run has to be repeated");
   }
 }
 
@@ -243,6 +246,16 @@ const VehicleRecord* RunRecord::find(VehicleId id) const {
 const VehicleRecord* RunRecord::first_survivor() const {
   const auto it = std::find_if(vehicles.begin(), vehicles.end(), [](const auto& v) { return !v.lost && v.map; });
   return it == vehicles.end() ? nullptr : &*it;
+}
+
+void expect_survivors(const RunRecord& run) {
+  for (const VehicleRecord& vehicle : run.vehicles) {
+    if (vehicle.lost) continue;
+    for (const char* name : {"live.csv", "trajectory.csv", "traffic.csv", "labels.csv", "map.json", "summary.json"})
+      if (const fs::path file = vehicle_folder(run.folder, vehicle.id) / name; !fs::exists(file))
+        throw ConfigError(file.string() + ": no such file, though vehicle " + std::to_string(vehicle.id) +
+                          " lived to the end by run.json; put the folder back as it was, or repeat the run");
+  }
 }
 
 RunRecord read_run(const fs::path& folder) {

@@ -115,4 +115,8 @@ struct RunRecord {
 /// left out. run.json must be there.
 RunRecord read_run(const std::filesystem::path& folder);
 
+/// Throws ConfigError, naming the file, if a vehicle that lived to its end has not left all that such a vehicle writes:
+/// a verdict on what is left would be one on another run.
+void expect_survivors(const RunRecord& run);
+
 }  // namespace convoy::cli

@@ -30,6 +30,11 @@ std::optional<RigidFit> fit_rigid(const std::vector<Eigen::Vector2d>& from, cons
   return fit;
 }
 
+SE2 interpolated(const SE2& T_a, const SE2& T_b, double share) {
+  const SE2::Tangent step = (T_a.inverse() * T_b).Log();
+  return T_a * SE2::Exp(share * step);
+}
+
 std::optional<SE2> truth_at(const std::vector<TruthPose>& truth, double t_s, double max_gap_s) {
   const auto after =
       std::lower_bound(truth.begin(), truth.end(), t_s, [](const TruthPose& pose, double t) { return pose.t_s < t; });
@@ -37,9 +42,7 @@ std::optional<SE2> truth_at(const std::vector<TruthPose>& truth, double t_s, dou
   if (after->t_s == t_s) return after->T_world_body;
   if (after == truth.begin() || after->t_s - std::prev(after)->t_s > max_gap_s) return std::nullopt;
   const TruthPose& before = *std::prev(after);
-  const double share = (t_s - before.t_s) / (after->t_s - before.t_s);
-  const SE2::Tangent step = (before.T_world_body.inverse() * after->T_world_body).Log();
-  return before.T_world_body * SE2::Exp(share * step);
+  return interpolated(before.T_world_body, after->T_world_body, (t_s - before.t_s) / (after->t_s - before.t_s));
 }
 
 std::optional<TruthMount> find_truth_mount(const std::vector<TruthPose>& truth) {

@@ -19,6 +19,9 @@ struct RigidFit {
 /// differ, or all points of either set in one place.
 std::optional<RigidFit> fit_rigid(const std::vector<Eigen::Vector2d>& from, const std::vector<Eigen::Vector2d>& to);
 
+/// The pose at `share` (0..1) of the way from T_a to T_b along the geodesic, that is on one arc.
+SE2 interpolated(const SE2& T_a, const SE2& T_b, double share);
+
 /// The true pose at t, along the arc between the two neighbours. Empty before the first pose, after the last, and
 /// inside a gap longer than max_gap_s.
 std::optional<SE2> truth_at(const std::vector<TruthPose>& truth, double t_s, double max_gap_s = 0.5);

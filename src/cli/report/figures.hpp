@@ -17,6 +17,10 @@ struct Figure {
 /// Figures 9 to 14 and the consistency over time. A figure whose data are missing says so in its caption.
 std::vector<Figure> make_figures(const RunRecord& run, const Evaluation& evaluation);
 
+/// How far the gauges "start" and "fit" (evaluate.hpp) lie apart, and why "fit" may give the common-frame vehicle a
+/// huge ANEES, with both gauges' numbers, as sentences with a blank before; empty if one of the gauges is not known.
+std::string gauge_note(const RunRecord& run, const nlohmann::json& metrics);
+
 /// "front vehicle", "back vehicle" on the street; "robot N" otherwise.
 std::string vehicle_name(const RunRecord& run, VehicleId id);
 

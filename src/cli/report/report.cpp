@@ -16,6 +16,7 @@ body { max-width: 1100px; margin: 0 auto; padding: 24px 20px 60px; font-size: 15
 h1 { font-size: 26px; margin: 0 0 4px; }
 h2 { font-size: 18px; margin: 36px 0 8px; }
 p.lead { font-size: 17px; margin: 6px 0 14px; }
+p.note { color: #3e4c59; font-size: 14px; margin: 6px 0 0; }
 p.source { color: #52606d; margin: 0; }
 .tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 14px 0; }
 .tile { border: 1px solid #cbd2d9; border-radius: 6px; padding: 8px 14px; min-width: 118px; }
@@ -26,6 +27,9 @@ p.source { color: #52606d; margin: 0; }
 figure { margin: 0; }
 figure svg { display: block; width: 100%; height: auto; }
 figcaption { color: #3e4c59; font-size: 14px; margin-top: 4px; }
+p.key { margin: 0 0 4px; font-size: 13px; }
+p.key span { margin-right: 22px; white-space: nowrap; }
+p.key svg { display: inline-block; width: 26px; height: 10px; }
 .row { display: flex; flex-wrap: wrap; gap: 10px; align-items: flex-start; }
 .two-thirds { width: calc(66.4% - 5px); }
 .half { width: calc(50% - 5px); }
@@ -51,6 +55,12 @@ std::string show(const json& value, int decimals, const std::string& unit = {}) 
 
 std::string show_percent(const json& share) {
   return share.is_number() ? fixed(100.0 * share.get<double>(), 1) + " %" : "\u2013";
+}
+
+/// "95.7 / 97.6 %"
+std::string show_percents(const json& first, const json& second) {
+  const auto number = [](const json& share) { return share.is_number() ? json(100.0 * share.get<double>()) : json(); };
+  return show(number(first), 1) + " / " + show(number(second), 1) + " %";
 }
 
 std::string show_yes_no(const json& value) {
@@ -127,15 +137,24 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
   for (const json& v : m.at("vehicles"))
     rows.push_back({vehicle_name(run, v.at("id")) + (v.at("lost") == json(true) ? " (lost)" : ""),
                     show(v.at("landmarks_exported"), 0), show(v.at("landmarks_known"), 0),
-                    show(v.at("facts_missing"), 0), show(v.at("ate_m"), 3), show(v.at("pose_anees"), 2),
-                    show_percent(v.at("pose_coverage95")), show(v.at("trajectory_anees"), 2),
-                    show_percent(v.at("trajectory_coverage95")), show(v.at("bytes_per_s_mean"), 0),
-                    show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0), show(v.at("peak_rss_mb"), 0),
-                    show_integrity(v), show_text(v.at("map_digest"))});
-  return table({"vehicle", "landmarks exported", "known", "facts missing", "ATE [m]", "live ANEES", "live within 95 %",
-                "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]", "requests", "memory [MB]", "integrity",
-                "map digest"},
+                    show(v.at("facts_missing"), 0), show(v.at("ate_m"), 3),
+                    show(v.at("pose_anees_fit"), 2) + " / " + show(v.at("pose_anees_start"), 2),
+                    show_percents(v.at("pose_coverage95_fit"), v.at("pose_coverage95_start")),
+                    show(v.at("trajectory_anees"), 2), show_percent(v.at("trajectory_coverage95")),
+                    show(v.at("bytes_per_s_mean"), 0), show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0),
+                    show(v.at("peak_rss_mb"), 0), show_integrity(v), show_text(v.at("map_digest"))});
+  return table({"vehicle", "landmarks exported", "known", "facts missing", "ATE [m]", "live ANEES, gauge fit / start",
+                "live within 95 %, gauge fit / start", "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]",
+                "requests", "memory [MB]", "integrity", "map digest"},
                rows);
+}
+
+/// What a gauge is, and why one of them may be hard on the common-frame vehicle.
+std::string vehicle_note(const RunRecord& run, const json& m) {
+  return "<p class=\"note\">Gauge start lays the truth onto the true start of " +
+         xml_escaped(the_vehicle(run, run.common_frame_vehicle)) +
+         ", gauge fit onto all corrected trajectories by one rigid motion; this run is judged in gauge " +
+         show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + "</p>\n";
 }
 
 std::string pair_table(const RunRecord& run, const json& m) {
@@ -144,10 +163,13 @@ std::string pair_table(const RunRecord& run, const json& m) {
     rows.push_back({vehicle_name(run, p.at("a")) + " \u2013 " + vehicle_name(run, p.at("b")),
                     show(p.at("first_association_s"), 1), show(p.at("distance_rmse_raw_m"), 2),
                     show(p.at("distance_rmse_m"), 3), show(p.at("distance_rmse_settled_m"), 3),
-                    show(p.at("distance_error_final_m"), 3)});
-  return table({"pair", "first association [s]", "distance RMSE, SLAM alone [m]", "convoy, after association [m]",
-                "convoy, 10 s later on [m]", "final error [m]"},
-               rows);
+                    show(p.at("distance_error_final_m"), 3), show(p.at("distance_rmse_corrected_m"), 3)});
+  return table({"pair", "first association [s]", "distance RMSE, SLAM alone [m]", "live, after association [m]",
+                "live, 10 s later on [m]", "live, final error [m]", "corrected, whole run [m]"},
+               rows) +
+         "<p class=\"note\">Live is what the vehicles knew at that moment; corrected is what they know of the whole "
+         "run "
+         "after it, from trajectories corrected with the final map.</p>\n";
 }
 
 std::string fleet_table(const json& m) {
@@ -157,8 +179,10 @@ std::string fleet_table(const json& m) {
       {"fleet", ""},
       {{"position error of the corrected trajectories (ATE, one rigid alignment)", show(m.at("fleet_ate_m"), 3, "m")},
        {"landmark error (one rigid alignment)", show(m.at("landmark_rmse_m"), 3, "m")},
-       {"ANEES of the live poses (1 is ideal)", show(m.at("fleet_anees"), 2)},
-       {"live poses within their 95 % bound", show_percent(m.at("fleet_coverage95"))},
+       {"ANEES of the live poses, gauge fit / gauge start (1 is ideal)",
+        show(m.at("fleet_anees_fit"), 2) + " / " + show(m.at("fleet_anees_start"), 2)},
+       {"live poses within their 95 % bound, gauge fit / gauge start",
+        show_percents(m.at("fleet_coverage95_fit"), m.at("fleet_coverage95_start"))},
        {"hypotheses accepted / with a false pairing",
         number("hypotheses_accepted") + " / " + number("hypotheses_false")},
        {"pairings accepted / true / false", number("accepted") + " / " + number("true") + " / " + number("false")},
@@ -278,7 +302,7 @@ std::string make_report(const RunRecord& run, const Evaluation& evaluation) {
     page += "<section>\n<h2>" + xml_escaped(figure.title) + "</h2>\n<figure>\n" + figure.body + "<figcaption>" +
             xml_escaped(figure.caption) + "</figcaption>\n</figure>\n</section>\n";
   page += "<section>\n<h2>Metrics</h2>\n" + fleet_table(m) + "</section>\n<section>\n<h2>Vehicles</h2>\n" +
-          vehicle_table(run, m) + "</section>\n";
+          vehicle_table(run, m) + vehicle_note(run, m) + "</section>\n";
   if (!m.at("pairs").empty()) page += "<section>\n<h2>Pairs</h2>\n" + pair_table(run, m) + "</section>\n";
   return page + "</body>\n</html>\n";
 }

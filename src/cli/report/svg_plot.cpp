@@ -269,8 +269,9 @@ void SvgPlot::draw_axes(std::string& out, const Frame& frame) const {
     const double y = floor - (tick - frame.y.low) / frame.y.span() * frame.height;
     out += "<line x1=\"" + px(frame.left) + "\" y1=\"" + px(y) + "\" x2=\"" + px(right) + "\" y2=\"" + px(y) +
            "\" stroke=\"" + grid_color + "\"/>\n";
-    const std::string label =
-        log_floor_ ? fixed(std::pow(10.0, tick), tick < 0 ? static_cast<int>(-tick) : 0) : tick_text(tick, y_step);
+    const std::string label = !log_floor_  ? tick_text(tick, y_step)
+                              : tick > 3.5 ? "1e" + fixed(tick, 0)
+                                           : fixed(std::pow(10.0, tick), tick < 0 ? static_cast<int>(-tick) : 0);
     out += text_at(frame.left - 0.5 * font_, y + 0.35 * font_, "end", 0.92 * font_, label);
   }
   out += "<rect x=\"" + px(frame.left) + "\" y=\"" + px(frame.top) + "\" width=\"" + px(frame.width) + "\" height=\"" +

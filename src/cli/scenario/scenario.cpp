@@ -4,6 +4,7 @@
 #include <convoy/config_error.hpp>
 #include <nlohmann/json.hpp>
 
+#include "scenario/json_fault.hpp"
 #include "scenario/table_file.hpp"
 
 namespace convoy::cli {
@@ -140,8 +141,9 @@ void Scenario::write(const fs::path& run_folder) const {
 
 Scenario Scenario::read(const fs::path& run_folder) {
   const fs::path file = run_folder / "scenario.json";
+  const std::string text = read_text_file(file);
   try {
-    const auto json = nlohmann::json::parse(read_text_file(file));
+    const auto json = nlohmann::json::parse(text);
     Scenario scenario;
     scenario.name = json.at("name");
     scenario.source = json.at("source");
@@ -152,7 +154,7 @@ Scenario Scenario::read(const fs::path& run_folder) {
     scenario.landmarks = read_landmarks(run_folder / "truth" / "landmarks.csv");
     return scenario;
   } catch (const nlohmann::json::exception& error) {
-    throw ConfigError(file.string() + ": not a scenario (" + error.what() + "); write the run folder again");
+    throw ConfigError(file.string() + ": not a scenario: " + json_fault(error, text) + "; write the run folder again");
   }
 }
 

@@ -123,6 +123,8 @@ TEST(Evaluate, MrclamIsJudgedInTheFittedGauge) {
   for (TruthPose& pose : run.vehicles[0].truth) pose.T_world_body = pose.T_world_body * SE2(0.0, 0.0, 0.05);
   const json m = evaluate(run).metrics;
   EXPECT_EQ(m.at("gauge"), "fit");
+  EXPECT_NEAR(m.at("gauge_turn_rad").get<double>(), 0.05, 1e-6);
+  EXPECT_NEAR(m.at("gauge_shift_m").get<double>(), 0.0, 1e-6);
   const json& second = m.at("vehicles")[1];
   EXPECT_NEAR(second.at("pose_anees").get<double>(), 0.0, 1e-6);
   EXPECT_GT(second.at("pose_anees_start").get<double>(), 10.0);
@@ -131,6 +133,36 @@ TEST(Evaluate, MrclamIsJudgedInTheFittedGauge) {
   EXPECT_NEAR(first.at("truth_mount_heading_rad").get<double>(), 0.05, 1e-6);
   EXPECT_NEAR(first.at("pose_anees_mounted").get<double>(), 0.0, 1e-6);
   EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.0, 1e-6);
+}
+
+TEST(Evaluate, CorrectedDistancesAreOfTheWholeRunInBothDirections) {
+  RunRecord run = straight_run();
+  // Vehicle 2 is 0.5 m too far aside, known between t = 20.5 and 60.5 alone, at stamps that vehicle 1 has not.
+  auto& rows = run.vehicles[1].trajectory;
+  std::erase_if(rows, [](const PoseRow& row) { return row.t_s < 20.0 || row.t_s > 60.0; });
+  for (PoseRow& row : rows) {
+    row.t_s += 0.5;
+    row.common->T = SE2(row.t_s, 5.5, 0.0);
+  }
+  run.vehicles[0].map = MapRecord{};  // no association at all: what was known live does not matter
+  json pair = evaluate(run).metrics.at("pairs")[0];
+  EXPECT_NEAR(pair.at("distance_rmse_corrected_m").get<double>(), 0.5, 1e-9);
+  EXPECT_TRUE(pair.at("distance_rmse_m").is_null());
+  // Beyond its ends a trajectory says nothing, though the truth is there.
+  std::erase_if(run.vehicles[0].trajectory, [](const PoseRow& row) { return row.t_s > 10.0; });
+  EXPECT_TRUE(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_corrected_m").is_null());
+}
+
+TEST(Evaluate, CorrectedPosesBetweenRowsLieOnTheArc) {
+  RunRecord run = straight_run();
+  // Vehicle 2 circles with 0.5 rad/s on a radius of 5 m; a chord over the 2 s between its rows would be 0.6 m off.
+  const SE2 start(100.0, 15.0, 0.0);
+  const auto along = [](double t_s) { return SE2::Exp(SE2::Tangent(2.5 * t_s, 0.0, 0.5 * t_s)); };
+  for (TruthPose& pose : run.vehicles[1].truth) pose.T_world_body = start * along(pose.t_s);
+  auto& rows = run.vehicles[1].trajectory;
+  std::erase_if(rows, [](const PoseRow& row) { return std::fmod(row.t_s, 2.0) != 0.0; });
+  for (PoseRow& row : rows) row.common->T = SE2(0.0, 5.0, 0.0) * along(row.t_s);
+  EXPECT_NEAR(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_corrected_m").get<double>(), 0.0, 1e-9);
 }
 
 TEST(Evaluate, DistancesCountFromTheFirstAssociation) {
@@ -372,8 +404,9 @@ TEST_F(RunFolder, DamageIsRefusedWithFileAndLine) {
   EXPECT_THAT(refusal("vehicle_2/traffic.csv", "t_s,bytes_sent,messages_sent\n2,1,1\n1,2,2\n"),
               HasSubstr("traffic.csv:3: time"));
   EXPECT_THAT(refusal("vehicle_2/labels.csv", "index,epoch,track\n-1,1,7\n"), HasSubstr("labels.csv:2: field 1"));
-  EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\""), HasSubstr("map.json: not what it should be"));
-  EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\":\"x\"}"), HasSubstr("map.json: not what it should be"));
+  EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\""), HasSubstr("map.json: not what it should be: no JSON"));
+  EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\":\"x\"}"),
+              HasSubstr("map.json: not what it should be: the entry 'chains' is missing"));
   EXPECT_THAT(refusal("run.json", "{}"), HasSubstr("run.json: not what it should be"));
   EXPECT_EQ(config_error_of([this] { read_run(folder_.path()); }), "");
 }
@@ -448,6 +481,29 @@ TEST_F(RunFolder, ABrokenSummaryIsRefused) {
   json summary = good;
   summary["vehicle"] = 1;
   EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: it is that of another vehicle"));
+}
+
+TEST_F(RunFolder, ASurvivorHasLeftAllThatItMustHaveWritten) {
+  const auto refusal = [this] { return config_error_of([this] { expect_survivors(read_run(folder_.path())); }); };
+  EXPECT_EQ(refusal(), "");
+  const auto lost = [this](const json& ids) {
+    json info = json::parse(test::read(folder_ / "run.json"));
+    info["lost_vehicles"] = ids;
+    test::write(folder_ / "run.json", info.dump());
+  };
+  for (const char* name : {"live.csv", "trajectory.csv", "traffic.csv", "labels.csv", "map.json", "summary.json"}) {
+    const auto file = folder_ / "vehicle_2" / name;
+    const std::string before = test::read(file);
+    std::filesystem::remove(file);
+    EXPECT_THAT(refusal(),
+                HasSubstr("vehicle_2/" + std::string(name) + ": no such file, though vehicle 2 lived to the end"));
+    lost({2});
+    EXPECT_EQ(refusal(), "") << name;
+    lost(json::array());
+    test::write(file, before);
+  }
+  std::filesystem::remove_all(folder_ / "vehicle_2");
+  EXPECT_THAT(refusal(), HasSubstr("vehicle_2/live.csv: no such file"));
 }
 
 TEST_F(RunFolder, OfALostVehicleMayEndInHalfALine) {

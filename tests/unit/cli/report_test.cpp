@@ -8,6 +8,7 @@
 #include <set>
 
 #include "fake_run.hpp"
+#include "report/figures.hpp"
 #include "scenario/street.hpp"
 
 namespace convoy::cli {
@@ -139,6 +140,92 @@ TEST(Report, HeadlineCountsPairingsWithinAVehicleApart) {
   m["associations"]["within_a_vehicle_false"] = 1;
   EXPECT_THAT(headline(page.run, m),
               HasSubstr("Of 12 landmark pairings between vehicles none is false, of 30 within a vehicle 1 is false"));
+}
+
+/// The caption of the paper's figure `number`.
+std::string caption(const Page& page, int number) {
+  for (const Figure& figure : make_figures(page.run, page.evaluation))
+    if (figure.title.find("(paper, Fig. " + std::to_string(number) + ")") != std::string::npos) return figure.caption;
+  ADD_FAILURE() << "no figure " << number;
+  return {};
+}
+
+TEST(Report, DriftCaptionsCountWhichEllipsesHoldTheTruth) {
+  for (const bool on_the_street : {true, false}) {
+    Page page = page_of(on_the_street ? street() : fleet_of_five());
+    for (const int number : {10, 11}) {
+      EXPECT_THAT(caption(page, number), HasSubstr("true positions lie within the ellipse of the drift model"));
+      EXPECT_THAT(caption(page, number), Not(HasSubstr("segments, none of ")));
+    }
+    for (VehicleRecord& vehicle : page.run.vehicles) {
+      vehicle.prior.reset();
+      for (MapAnchor& anchor : vehicle.map->anchors) anchor.drift *= 1e-9;  // surer than any SLAM may be
+    }
+    for (const int number : {10, 11}) EXPECT_THAT(caption(page, number), HasSubstr("segments, none of "));
+  }
+}
+
+TEST(Report, TheMapCaptionCountsThePairings) {
+  Page page = page_of(street());
+  std::size_t pairings = 0;
+  for (const MapAssociation& association : page.run.vehicles[0].map->associations)
+    pairings += association.pairings.size();
+  ASSERT_GT(pairings, 10U);
+  EXPECT_THAT(caption(page, 12), HasSubstr(" in " + std::to_string(pairings) + " pairings found"));
+  for (MapAssociation& association : page.run.vehicles[0].map->associations) association.accepted = false;
+  EXPECT_THAT(caption(page, 12), HasSubstr("No landmark has been found common yet."));
+}
+
+TEST(Report, TheTrafficCaptionTellsTheStartFromTheRest) {
+  Page page = page_of(street());
+  for (auto& [id, seconds] : page.evaluation.bytes_per_s) {
+    for (TimedValue& second : seconds) second.value = 400.0;
+    seconds.front().value = 31000.0;
+    seconds.back().value = 1234.0;
+  }
+  EXPECT_THAT(caption(page, 13), HasSubstr("first second holds up to 31.0 KB"));
+  EXPECT_THAT(caption(page, 13), HasSubstr("one second of this replay lasted 0.050 s"));
+  EXPECT_THAT(caption(page, 13), HasSubstr("Later it is at most 1.2 KB"));
+  page.run.info["rate"] = 1.0;
+  EXPECT_THAT(caption(page, 13), Not(HasSubstr("replay")));
+}
+
+TEST(Report, TheDistanceCaptionNamesTheReasonsOfGaps) {
+  const test::TemporaryFolder folder;
+  test::FakeRun(street(), folder.path()).write_all();
+  Page page = page_of(folder.path());
+  EXPECT_THAT(caption(page, 14), Not(HasSubstr("has a gap")));
+  EXPECT_THAT(caption(page, 14), HasSubstr("From the first association on, blue is off by 0."));
+  std::erase_if(page.run.vehicles[1].truth, [](const TruthPose& pose) { return pose.t_s > 50.0 && pose.t_s < 60.0; });
+  for (PoseRow& row : page.run.vehicles[0].live)
+    if (row.vehicle == 2 && row.t_s > 61.5 && row.t_s < 64.5) row.common.reset();
+  page.evaluation = evaluate(page.run);
+  EXPECT_THAT(caption(page, 14), HasSubstr("the truth has a gap at 9 poses"));
+  EXPECT_THAT(caption(page, 14),
+              HasSubstr("Blue has a gap where the vehicle did not hold both poses in the common frame: 3 of the "));
+}
+
+TEST(Report, BothGaugesAreShownAndAFittedOneIsExplained) {
+  Page page = page_of(fleet_of_five());
+  for (const char* text :
+       {"live ANEES, gauge fit / start", "live within 95 %, gauge fit / start", "judged in gauge fit",
+        "Judged in gauge fit", "corrected, whole run [m]", "Live is what the vehicles knew at that moment"})
+    EXPECT_THAT(page.text, HasSubstr(text));
+  nlohmann::json m = page.evaluation.metrics;
+  m["gauge_shift_m"] = 0.16;
+  m["gauge_turn_rad"] = 0.021;
+  m["vehicles"][0]["pose_anees_fit"] = 6171.724;
+  m["vehicles"][0]["pose_coverage95_fit"] = 0.957;
+  m["vehicles"][0]["pose_anees_start"] = 0.998;
+  m["vehicles"][0]["pose_coverage95_start"] = 0.976;
+  EXPECT_THAT(gauge_note(page.run, m), HasSubstr("the two lie 0.160 m and 1.2 degrees apart. The start of robot 1 is"));
+  EXPECT_THAT(
+      gauge_note(page.run, m),
+      HasSubstr("its ANEES is 6171.72 (95.7 % within the bound) in gauge fit and 1.00 (97.6 % within the bound)"));
+  EXPECT_THAT(page_of(street()).text, HasSubstr("judged in gauge start"));
+  EXPECT_THAT(page_of(street()).text, Not(HasSubstr("Judged in gauge fit")));
+  m["vehicles"][0]["pose_anees_start"] = nullptr;
+  EXPECT_EQ(gauge_note(page.run, m), "");
 }
 
 TEST(Report, WithoutTruthIsStillAPage) {

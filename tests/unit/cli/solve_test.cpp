@@ -101,6 +101,18 @@ TEST(Solve, RefusesWhatItCannotDo) {
   options.incremental = true;
   EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
               HasSubstr("vertex 1 has no edge to a vertex with a smaller id"));
+  options.incremental = false;
+  for (const bool incremental : {false, true}) {
+    options.incremental = incremental;
+    test::write(options.graph, "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 7 9 1 0 0 1 0 0 1 0 1\n");
+    EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
+                HasSubstr("graph.g2o: no edges lead from vertex 0 to vertex 7; add"));
+    test::write(options.graph, "EDGE_SE2 0 1 1e308 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1e308 0 0 1 0 0 1 0 1\n");
+    EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
+                HasSubstr("not finite; the numbers of its edges are too"));
+    test::write(options.graph, "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 1 0 1 0 1\n");
+    EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("graph.g2o:2: the information matrix"));
+  }
   options.residual = "best";
   EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("--residual best is not known"));
   EXPECT_FALSE(std::filesystem::exists(options.out));

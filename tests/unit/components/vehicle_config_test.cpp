@@ -51,12 +51,13 @@ TEST_F(VehicleConfigTest, AWholeFileIsRead) {
   const VehicleConfig c = load(
       "<?xml version=\"1.0\"?>\n<!-- a vehicle -->\n<convoy version=\"1\">\n"
       "  <vehicle id=\"2\" state_folder=\"state\" roster=\"1 2\" first_epoch=\"7\"/>\n"
-      "  <dds domain=\"232\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
+      "  <dds domain=\"232\" max_queued_messages=\"12\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
       "  <sensors file=\"s.csv\" rate=\"1e1\"/>\n</convoy>\n<!-- the end -->\n");
   EXPECT_EQ(c.vehicle.id, 2U);
   EXPECT_EQ(c.vehicle.submaps.limits.roster, (std::vector<VehicleId>{1, 2}));
   EXPECT_EQ(c.vehicle.fresh_epoch(), 7U);
   EXPECT_EQ(c.dds.domain, 232U);
+  EXPECT_EQ(c.dds.max_queued_messages, 12U);
   EXPECT_EQ(c.impairment.seed, std::numeric_limits<std::uint64_t>::max());
   EXPECT_EQ(c.sensors.rate, 10.0);
 }
@@ -123,6 +124,9 @@ TEST_P(VehicleConfigRange, IsRefusedWithItsLineAndTheMend) {
 INSTANTIATE_TEST_SUITE_P(
     Entries, VehicleConfigRange,
     testing::Values(OutOfRange{"dds", "domain=\"233\"", "<dds domain> must lie in 0..232"},
+                    OutOfRange{"dds", "max_queued_messages=\"0\"", "<dds max_queued_messages> must be 1 or more"},
+                    OutOfRange{"static_bias", "x_m=\"2e6\"", "<static_bias> cannot be told to the other vehicles (out_of_range)"},
+                    OutOfRange{"static_bias", "sigma_y_m=\"1e200\"", "<static_bias> cannot be told to the other vehicles"},
                     OutOfRange{"sensors", "rate=\"0\"", "<sensors rate> must be > 0"},
                     OutOfRange{"sensors", "rate=\"-3\"", "<sensors rate> must be > 0"},
                     OutOfRange{"sensors", "rate=\"inf\"", "<sensors rate>: 'inf' is no finite number"},

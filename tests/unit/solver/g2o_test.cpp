@@ -81,6 +81,7 @@ TEST_P(DamagedG2o, IsRefusedWithFileAndLine) {
 
 #define VERTICES "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\n"
 #define UNIT " 1 0 0 1 0 1\n"
+#define NOT_DEFINITE "3: the information matrix (upper triangle, row by row) is not positive definite"
 INSTANTIATE_TEST_SUITE_P(
     G2o, DamagedG2o,
     testing::Values(Damage{"", " holds no edge"}, Damage{VERTICES, " holds no edge"},
@@ -102,10 +103,18 @@ INSTANTIATE_TEST_SUITE_P(
                     Damage{VERTICES "EDGE_SE2 0 1 1 0 0 1 2 0 1 0 1\n", "3: the information matrix"},
                     Damage{VERTICES "EDGE_SE2 0 1 1 0 0 -1 0 0 1 0 1\n", "3: the information matrix"},
                     Damage{VERTICES "EDGE_SE2 0 1 1 0 0 0 0 0 0 0 0\n", "3: the information matrix"},
+                    Damage{VERTICES "EDGE_SE2 0 1 1 0 0 1 1 0 1 0 1\n", NOT_DEFINITE ": it is singular"},
+                    Damage{VERTICES "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 0\n", NOT_DEFINITE ": each entry of its"},
+                    Damage{VERTICES "EDGE_SE2 0 1 1 0 0 4e9 2e-3 0 1e-15 0 1\n", NOT_DEFINITE},
                     Damage{VERTICES "VERTEX_SE3:QUAT 3 0 0 0 0 0 0 1\n", "3: 2-D and 3-D lines are mixed"},
                     Damage{"VERTEX_SE3:QUAT 3 0 0 0 0 0 0 2\n", "1: the quaternion (qx qy qz qw) has norm"},
                     Damage{VERTICES "FIX 1\nEDGE_SE2 0 1 1 0 0" UNIT, "3: FIX of vertex 1; only the first"},
                     Damage{VERTICES "FIX 8\nEDGE_SE2 0 1 1 0 0" UNIT, "3: FIX of vertex 8"}));
+
+TEST(G2o, UnitsOfTheInformationDoNotMatter) {
+  const G2oFile file = parse_g2o(VERTICES "EDGE_SE2 0 1 1 0 0 1e12 0 1 1e-9 0 1e-3\n", "scaled.g2o");
+  EXPECT_EQ(file.edges[0].information(1, 1), 1e-9);
+}
 
 TEST(G2o, RefusesAFileThatIsNotThere) {
   EXPECT_THROW(read_g2o("/nowhere/graph.g2o"), ConfigError);
