@@ -139,7 +139,8 @@ std::string facts_lines(const FactStore<SE2>& store) {
                              {"landmark_count", f.landmark_count}});
     for (const auto& [i, f] : chain.landmarks)
       line("landmark", f.key, {{"anchor", f.anchor}, {"position", {f.position.x(), f.position.y()}},
-                               {"covariance", upper(f.covariance)}});
+                               {"covariance", upper(f.covariance)},
+                               {"loading", std::vector<double>(f.loading.data(), f.loading.data() + f.loading.size())}});
     for (const auto& [i, f] : chain.associations) {
       json pairings = json::array();
       for (const auto& [a, b] : f.pairings) pairings.push_back({key_of(a), key_of(b)});
