@@ -126,6 +126,22 @@ void SubmapManager<G>::publish_verdict(Hash hypothesis, bool veto) {
 }
 
 template <class G>
+bool SubmapManager<G>::publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever,
+                                            const typename G::Point& position, const typename G::PointCovariance& covariance) {
+  auto& next = next_index_[static_cast<std::size_t>(FactKind::absolute_fix)];
+  const std::uint32_t anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
+  const AbsoluteFixFact<G> fact{{self_, next}, anchor, state, lever, position, covariance};
+  if (store_.check(fact) != Insertion::inserted) {
+    ++counters_.facts_unfit;
+    return false;
+  }
+  ++next;
+  publish(fact);
+  send(fact);
+  return true;
+}
+
+template <class G>
 void SubmapManager<G>::publish_live(const ChainState<G>& state) {
   live_ = state;
   LivePose<G> pose;
@@ -170,6 +186,8 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
           take_in(FactKind::association, payload);
         } else if constexpr (std::is_same_v<P, VerdictFact>) {
           take_in(FactKind::verdict, payload);
+        } else if constexpr (std::is_same_v<P, AbsoluteFixFact<G>>) {
+          take_in(FactKind::absolute_fix, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
           const bool fit = store_.check(AnchorFact<G>{{payload.chain, 1}, payload.state}) == Insertion::inserted;
           counters_.live_unfit += !fit;

@@ -74,6 +74,10 @@ class SubmapManager {
   /// False if the same hypothesis is already held, or if there is none.
   bool publish_association(std::vector<Pairing> pairings);
   void publish_verdict(Hash hypothesis, bool veto);
+  /// A receiver of absolute positions said where its antenna (`lever`, body frame) was when the SLAM was at `state`: `position`
+  /// east-north(-up) of the fleet's datum [m]. Call after open_chain(). False if it is not fit to be a fact.
+  bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever, const typename G::Point& position,
+                            const typename G::PointCovariance& covariance);
   /// Where this vehicle is now. Not a fact: only the last one counts.
   void publish_live(const ChainState<G>& state);
 

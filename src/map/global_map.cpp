@@ -159,7 +159,7 @@ GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& 
     GlobalMap<G> result;
     result.facts = store.digest();
     result.selection = select(store, params, excluded);
-    result.map = backend.solve(build_problem(store, result.selection, params.reference));
+    result.map = backend.solve(build_problem(store, result.selection, params.reference, params.common_frame_is_enu));
     const Hypothesis<G>* worst = nullptr;
     double worst_contradiction = limit;
     for (const Hypothesis<G>& h : result.selection.hypotheses) {
@@ -169,6 +169,20 @@ GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& 
         worst = &h;
         worst_contradiction = c;
       }
+    }
+    const AbsoluteFixFactor<G>* worst_fix = nullptr;
+    double worst_excess = std::max(1.0, worst_contradiction / limit);  // of the gate
+    for (const AbsoluteFixFactor<G>& f : result.map->problem().fixes) {
+      const auto [chi2, dof] = result.map->contradiction(f);
+      const double excess = dof > 0 ? chi2 / chi2_quantile(params.fix_residual, dof) : 0.0;
+      if (excess > worst_excess) {
+        worst_fix = &f;
+        worst_excess = excess;
+      }
+    }
+    if (worst_fix != nullptr) {
+      excluded.fixes.insert(worst_fix->fix);
+      continue;
     }
     if (worst != nullptr) {
       excluded.hypotheses.insert(worst->id);

@@ -53,6 +53,7 @@ class NormalEquations {
         size_(G::Dof * nodes_ + G::Dim * static_cast<Eigen::Index>(problem.points.size())) {
     for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
     for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
+    for (const auto& f : problem.fixes) fix_information_.push_back(f.covariance.inverse());
     batches_ = batch_factors(problem);
   }
 
@@ -67,6 +68,7 @@ class NormalEquations {
     double chi2 = 0.0;
     for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses, assemble);
     for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses, assemble);
+    for (std::size_t k = 0; k < problem_.fixes.size(); ++k) chi2 += absolute_fix(k, poses, assemble);
     for (const BatchFactor<G>& batch : batches_) chi2 += landmarks(batch, poses, points, assemble);
     return chi2;
   }
@@ -80,7 +82,7 @@ class NormalEquations {
 
   int residuals() const {
     return G::Dof * static_cast<int>(problem_.priors.size() + problem_.drifts.size()) +
-           G::Dim * static_cast<int>(problem_.landmarks.size());
+           G::Dim * static_cast<int>(problem_.landmarks.size() + problem_.fixes.size());
   }
 
  private:
@@ -122,6 +124,23 @@ class NormalEquations {
     return r.dot(W * r);
   }
 
+  double absolute_fix(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F3
+    const AbsoluteFixFactor<G>& f = problem_.fixes[k];
+    const typename G::PointCovariance& W = fix_information_[k];
+    const G D = f.datum < 0 ? G() : poses[static_cast<std::size_t>(f.datum)];
+    const AbsoluteFixResidual<G> one(f, poses[static_cast<std::size_t>(f.node)], D);
+    if (assemble) {
+      add_block(node(f.node), node(f.node), Dof(one.J_T.transpose() * W * one.J_T));
+      gradient_.segment<G::Dof>(node(f.node)) -= one.J_T.transpose() * W * one.r;
+      if (f.datum >= 0) {
+        add_block(node(f.datum), node(f.node), Dof(one.J_D.transpose() * W * one.J_T));
+        add_block(node(f.datum), node(f.datum), Dof(one.J_D.transpose() * W * one.J_D));
+        gradient_.segment<G::Dof>(node(f.datum)) -= one.J_D.transpose() * W * one.r;
+      }
+    }
+    return one.r.dot(W * one.r);
+  }
+
   double landmarks(const BatchFactor<G>& f, const std::vector<G>& poses, const std::vector<typename G::Point>& points,
                    bool assemble) {  // F2
     const auto n = static_cast<Eigen::Index>(f.landmarks.size());
@@ -158,6 +177,7 @@ class NormalEquations {
   int nodes_;
   Eigen::Index size_;
   std::vector<Dof> prior_information_, drift_information_;
+  std::vector<typename G::PointCovariance> fix_information_;
   std::vector<BatchFactor<G>> batches_;
   std::vector<Eigen::Triplet<double>> triplets_;
   Eigen::VectorXd gradient_;
