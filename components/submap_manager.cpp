@@ -2,6 +2,7 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/drift_check.hpp>
 #include <convoy/map/ekf_map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
@@ -247,6 +248,9 @@ bool SubmapManager<G>::rebuild(double now_s, bool force) {
   const bool due = store_.revision() != map_revision_ && now_s >= map_s_ + params_.map_period_s;
   if (!due && !force) return false;
   map_ = build_global_map(store_, params_.selection, *backend_);
+  drift_alarms_.clear();
+  for (const auto& [id, chain] : store_.chains())
+    if (drift_correlation(store_, map_.selection, id).alarm()) drift_alarms_.insert(id);
   map_revision_ = store_.revision();
   map_s_ = now_s;
   ++counters_.maps_built;
@@ -264,6 +268,7 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
     for (const ChainMark& mark : it->second.marks)
       if (mark.count != mark.high_water) reasons |= reason_missing_facts;
   }
+  if (drift_alarms_.count(chain) != 0) reasons |= reason_drift;
   if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0) reasons |= reason_impersonated;
   if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
     reasons |= peer->second.live->reasons & reason_impersonated;  // nobody but the vehicle itself can know

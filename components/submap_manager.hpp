@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <vector>
 
 namespace convoy {
@@ -117,6 +118,7 @@ class SubmapManager {
   RepairProtocol<G> repair_;
   std::unique_ptr<Backend<G>> backend_;
   GlobalMap<G> map_;
+  std::set<ChainId> drift_alarms_;  // by the closures of map_
   std::uint64_t map_revision_ = 0;
   double map_s_ = -1e300, digest_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};

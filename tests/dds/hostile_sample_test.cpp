@@ -202,7 +202,7 @@ TEST_F(HostileSample, AbsoluteFixesAreRefusedCountedAndDoNotStopTheGoodOnes) {
   // A lever of four thousand million numbers, announced only. Its length stands before 2 + 2 + 3 doubles and the two
   // other lengths, each aligned to its doubles: 24, 24 and 32 bytes from the end.
   Bytes announced = good;
-  std::memset(announced.data() + good.size() - 80 + 4, 0xff, 4);
+  std::memset(announced.data() + good.size() - 80, 0xff, 4);
   ASSERT_TRUE(stranger.send(announced));
   EXPECT_TRUE(eventually([&] { return hostile() == 2; }));
 
