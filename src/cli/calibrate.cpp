@@ -286,6 +286,9 @@ class Calibrator {
     for (const Run& run : runs_) result_.by_truth ? learn_by_truth(run) : learn_by_closures(run);
     result_.landmark_inflation = inflation_estimate(inflation_.chi2, inflation_.dof);
     result_.fit = fit_variances(groups_);
+    const PartEstimate& gamma = result_.fit[VariancePart::gamma];
+    const bool safe = gamma.known && gamma.low <= 1.0 && 1.0 <= gamma.high;
+    result_.given = safe ? fit_variances(groups_, {.hold_gamma = true}) : result_.fit;
     result_.with_constants = fit_variances(groups_, {.constants = true});
     result_.lag1 = lag1_correlation(groups_, result_.fit.theta());
     return std::move(result_);
@@ -377,13 +380,13 @@ std::string drift_fragment(const CalibrationResult& r) {
     append_number(text, value);
     return text;
   };
-  const std::string xy = number(r.fit[VariancePart::translation].value);
+  const std::string xy = number(r.given[VariancePart::translation].value);
   std::string text = "<!-- convoy calibrate, " + std::string(r.by_truth ? "by truth" : "by closures") + ", " +
                      std::to_string(r.drives.size()) + " drives; 95 % intervals: gamma " + with_interval(r.fit[VariancePart::gamma]) +
-                     "; rate_x, rate_y " + with_interval(r.fit[VariancePart::translation]) + "; rate_theta " +
-                     with_interval(r.fit[VariancePart::rotation]) + "; landmark_inflation " + with_interval(r.landmark_inflation) + " -->\n";
-  text += "<drift gamma=\"" + number(std::max(1e-3, r.fit[VariancePart::gamma].value)) + "\" rate_x_m2_per_m=\"" + xy +
-          "\" rate_y_m2_per_m=\"" + xy + "\" rate_theta_rad2_per_m=\"" + number(r.fit[VariancePart::rotation].value) + "\"";
+                     "; rate_x, rate_y " + with_interval(r.given[VariancePart::translation]) + "; rate_theta " +
+                     with_interval(r.given[VariancePart::rotation]) + "; landmark_inflation " + with_interval(r.landmark_inflation) + " -->\n";
+  text += "<drift gamma=\"" + number(std::max(1e-3, r.given[VariancePart::gamma].value)) + "\" rate_x_m2_per_m=\"" + xy +
+          "\" rate_y_m2_per_m=\"" + xy + "\" rate_theta_rad2_per_m=\"" + number(r.given[VariancePart::rotation].value) + "\"";
   if (r.landmark_inflation.known) text += " landmark_inflation=\"" + number(std::max(1.0, r.landmark_inflation.value)) + "\"";
   return text + "/>\n";
 }
@@ -399,9 +402,12 @@ std::string calibration_text(const CalibrationResult& r) {
   line("gamma", with_interval(r.fit[VariancePart::gamma]));
   line("rate of x, y [m^2/m]", with_interval(r.fit[VariancePart::translation]));
   line("rate of heading [rad^2/m]", with_interval(r.fit[VariancePart::rotation]));
+  if (r.fit[VariancePart::gamma].known && !r.given[VariancePart::gamma].known)
+    line("with gamma = 1 (its interval holds it)", with_interval(r.given[VariancePart::translation]) + " m^2/m, " +
+                                                       with_interval(r.given[VariancePart::rotation]) + " rad^2/m");
   line("landmark inflation f", with_interval(r.landmark_inflation));
   line("chi-square / residuals", short_number(r.fit.chi2 / r.fit.residuals) + (r.fit.converged ? "" : "  (did not converge)"));
-  const double gain = 2.0 * (r.with_constants.log_likelihood - r.fit.log_likelihood);
+  const double gain = std::max(0.0, 2.0 * (r.with_constants.log_likelihood - r.fit.log_likelihood));
   line("constants (kappa, g) explain", "2 dlogL = " + short_number(gain) + (gain > 5.99 ? ": they are there" : ": nothing that chance would not"));
   for (const CalibratedDrive& d : r.drives) {
     const ConstantsEstimate& c = r.with_constants.constants[d.constants_group][d.constants_chain];

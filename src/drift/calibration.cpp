@@ -74,7 +74,7 @@ ResidualGroup empty_group(Eigen::Index size, int block) {
 // A part that moves nothing is left out, so that nobody looks for it. The constants become parts, too: one draw per chain.
 void finish(ResidualGroup& group) {
   for (Eigen::MatrixXd& part : group.parts)
-    if (part.size() != 0 && part.diagonal().maxCoeff() < 1e-15) part.resize(0, 0);
+    if (part.size() != 0 && part.diagonal().maxCoeff() < 1e-11) part.resize(0, 0);  // (3 um)^2: rounding
   for (const Eigen::MatrixXd& U : group.constants)
     for (const auto& [part, column] : {std::pair(VariancePart::scale, 0), std::pair(VariancePart::heading, 1)}) {
       Eigen::MatrixXd& K = group.parts[at(part)];
@@ -182,7 +182,8 @@ double profile_bound(const std::vector<ResidualGroup>& groups, const std::vector
   while (fall(outside) < drop) {
     inside = outside;
     outside *= 2.0;
-    if (std::abs(outside) > 12.0) return direction > 0 ? infinity : 0.0;
+    if (outside < -12.0) return 0.0;
+    if (outside > 60.0) return infinity;  // an estimate near zero has a long way to go
   }
   for (int i = 0; i < 16; ++i) {
     const double middle = 0.5 * (inside + outside);
@@ -365,7 +366,8 @@ VarianceFit fit_variances(const std::vector<ResidualGroup>& groups, const Varian
   for (std::size_t p = 0; p < start.size(); ++p) {
     const bool constant = p >= at(VariancePart::scale);
     const bool there = std::any_of(groups.begin(), groups.end(), [&](const ResidualGroup& g) { return g.parts[p].size() != 0; });
-    if (there && (!constant || params.constants)) free.push_back(p);
+    const bool held = params.hold_gamma && p == at(VariancePart::gamma);
+    if (there && !held && (!constant || params.constants)) free.push_back(p);
     else if (constant) start[p] = 0.0;
   }
   const Scoring::Result best = Scoring(groups, free).maximise(start);

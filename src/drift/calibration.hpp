@@ -88,6 +88,7 @@ struct VarianceFit {
 
 struct VarianceFitParams {
   bool constants = false;  ///< look for s_kappa, s_g, too
+  bool hold_gamma = false;  ///< at its start
   bool intervals = true;
   std::array<double, variance_part_count> start{1.0, 1e-4, 1e-6, 1e-4, 1e-7};
 };
