@@ -88,9 +88,11 @@ FactStore<SE2> read_facts(const fs::path& file, const std::map<VehicleId, DriftP
       if (line.at("kind") == "landmark") {
         loadings = loadings && line.contains("loading");
         const auto known = params.find(key_of(line.at("key")).chain.vehicle);
-        if (loadings) insertion = store.insert(landmark_from(line, known == params.end() ? 1.0 : known->second.landmark_inflation));
+        if (loadings)
+          insertion = store.insert(landmark_from(line, known == params.end() ? 1.0 : known->second.landmark_inflation));
       }
-      if (insertion != Insertion::inserted) refuse(std::string("no fact that can be used (") + to_string(insertion) + ")");
+      if (insertion != Insertion::inserted)
+        refuse(std::string("no fact that can be used (") + to_string(insertion) + ")");
     } catch (const json::exception& error) {
       refuse(std::string("not what it should be (") + error.what() + ")");
     }
@@ -98,14 +100,18 @@ FactStore<SE2> read_facts(const fs::path& file, const std::map<VehicleId, DriftP
   return store;
 }
 
-// What the vehicle drove, with what its SLAM itself stated: the unknown rate and gamma of its configuration are taken off.
-DrivenPath<SE2> driven_path(const std::vector<PoseRow>& trajectory, const AnchorFact<SE2>* start, const DriftParams<SE2>& params) {
+// What the vehicle drove, with what its SLAM itself stated: the unknown rate and gamma of its configuration are taken
+// off.
+DrivenPath<SE2> driven_path(const std::vector<PoseRow>& trajectory, const AnchorFact<SE2>* start,
+                            const DriftParams<SE2>& params) {
   DrivenPath<SE2> path;
   if (start != nullptr) path.states.push_back(start->state);
   SE2::Covariance unknown = SE2::Covariance::Zero();
   for (const PoseRow& row : trajectory) {
     if (!row.slam) continue;
-    if (!path.states.empty() && row.abscissa_m <= path.states.back().abscissa_m && row.t_s <= path.states.back().stamp_s) continue;
+    if (!path.states.empty() && row.abscissa_m <= path.states.back().abscissa_m &&
+        row.t_s <= path.states.back().stamp_s)
+      continue;
     ChainState<SE2> state{row.t_s, row.abscissa_m, row.slam->T};
     const SE2::Adjoint Ad = state.pose.adjoint();
     const double ds = path.states.empty() ? 0.0 : row.abscissa_m - path.states.back().abscissa_m;
@@ -116,7 +122,8 @@ DrivenPath<SE2> driven_path(const std::vector<PoseRow>& trajectory, const Anchor
   return path;
 }
 
-Run read_run_for_calibration(const fs::path& folder, const CalibrateOptions& options, std::vector<std::string>& left_out) {
+Run read_run_for_calibration(const fs::path& folder, const CalibrateOptions& options,
+                             std::vector<std::string>& left_out) {
   Run run;
   run.record = read_run(folder);
   const VehicleRecord* witness = run.record.first_survivor();
@@ -125,11 +132,13 @@ Run read_run_for_calibration(const fs::path& folder, const CalibrateOptions& opt
     const fs::path config = vehicle_folder(folder, v.id) / "config.xml";
     run.params[v.id] = options.drift_of_config(config);
     if (run.params[v.id].model == DriftModel::literal)
-      throw ConfigError(config.string() + ": a run with the literal drift model, whose covariances are not those of the vehicle's "
+      throw ConfigError(config.string() +
+                        ": a run with the literal drift model, whose covariances are not those of the vehicle's "
                         "drift; repeat the run without --literal");
   }
   run.store = read_facts(vehicle_folder(folder, witness->id) / "facts.jsonl", run.params, run.loadings);
-  if (!run.loadings) left_out.push_back(folder.string() + ": facts.jsonl without 'loading': landmarks and closures are not used");
+  if (!run.loadings)
+    left_out.push_back(folder.string() + ": facts.jsonl without 'loading': landmarks and closures are not used");
   for (const VehicleRecord& v : run.record.vehicles) {
     const AnchorFact<SE2>* start = nullptr;
     ChainId chain;
@@ -155,7 +164,8 @@ double length_of(const DrivenPath<SE2>& path) { return path.states.empty() ? 0.0
 class TrueMotion {
  public:
   TrueMotion(const VehicleRecord& vehicle, bool mounted) : vehicle_(vehicle) {
-    if (const auto mount = mounted ? find_truth_mount(vehicle.truth) : std::nullopt) T_truth_body_ = mount->T_body_truth().inverse();
+    if (const auto mount = mounted ? find_truth_mount(vehicle.truth) : std::nullopt)
+      T_truth_body_ = mount->T_body_truth().inverse();
   }
   std::optional<SE2> operator()(double t_s) const {
     const auto T = truth_at(vehicle_.truth, t_s);
@@ -191,7 +201,8 @@ InflationSum landmarks_against_truth(const Run& run) {
       for (const LandmarkFact<SE2>& l : batch.landmarks) {
         const auto track = v.track_of_landmark.find({l.key.chain.epoch, l.key.index});
         if (track == v.track_of_landmark.end() || !true_place.count(track->second)) continue;
-        r.segment<2>(2 * static_cast<Eigen::Index>(known.size())) = l.position - T->inverse() * true_place[track->second];
+        r.segment<2>(2 * static_cast<Eigen::Index>(known.size())) =
+            l.position - T->inverse() * true_place[track->second];
         known.push_back(&l);
       }
       const auto n = static_cast<Eigen::Index>(known.size());
@@ -199,7 +210,8 @@ InflationSum landmarks_against_truth(const Run& run) {
       for (Eigen::Index i = 0; i < n; ++i)
         for (Eigen::Index j = 0; j < n; ++j) {
           const auto &a = *known[static_cast<std::size_t>(i)], &b = *known[static_cast<std::size_t>(j)];
-          S.block<2, 2>(2 * i, 2 * j) = i == j ? Eigen::Matrix2d(a.covariance) : Eigen::Matrix2d(a.loading * b.loading.transpose());
+          S.block<2, 2>(2 * i, 2 * j) =
+              i == j ? Eigen::Matrix2d(a.covariance) : Eigen::Matrix2d(a.loading * b.loading.transpose());
         }
       const Eigen::LLT<Eigen::MatrixXd> llt(S);
       if (n == 0 || llt.info() != Eigen::Success) continue;
@@ -228,7 +240,8 @@ std::vector<Aligned> alignments_of(const Run& run) {
     if (!a || !b) continue;
     const Batch<SE2> batch_a = batch_of(run.store, *a), batch_b = batch_of(run.store, *b);
     const auto place = [](const Batch<SE2>& batch, const Key& key) {
-      const auto it = std::find_if(batch.landmarks.begin(), batch.landmarks.end(), [&](const auto& l) { return l.key == key; });
+      const auto it =
+          std::find_if(batch.landmarks.begin(), batch.landmarks.end(), [&](const auto& l) { return l.key == key; });
       return it == batch.landmarks.end() ? -1 : static_cast<int>(it - batch.landmarks.begin());
     };
     std::vector<IndexPairing> pairs;
@@ -247,7 +260,8 @@ std::optional<std::pair<int, int>> state_of(const Run& run, const Key& anchor) {
   const auto path = chain - run.chains.begin();
   const auto& states = run.paths[static_cast<std::size_t>(path)].states;
   for (std::size_t k = 0; k < states.size(); ++k)  // by the pose: the anchor's row, and no other of the same moment
-    if (states[k].abscissa_m == fact->state.abscissa_m && (states[k].pose.inverse() * fact->state.pose).Log().norm() < 1e-9)
+    if (states[k].abscissa_m == fact->state.abscissa_m &&
+        (states[k].pose.inverse() * fact->state.pose).Log().norm() < 1e-9)
       return std::pair(static_cast<int>(path), static_cast<int>(k));
   return std::nullopt;
 }
@@ -257,9 +271,11 @@ std::vector<Closure<SE2>> closures_of(const Run& run, const std::vector<Aligned>
   for (const Aligned& a : alignments) {
     const auto one = state_of(run, a.batch_a), other = state_of(run, a.batch_b);
     if (!one || !other) continue;
-    const double closed_s = std::max(run.store.anchor(a.batch_a)->state.stamp_s, run.store.anchor(a.batch_b)->state.stamp_s);
-    timed.push_back({closed_s, {one->first, one->second, other->first, other->second, a.alignment.T_a_b,
-                                inflation * a.alignment.covariance()}});
+    const double closed_s =
+        std::max(run.store.anchor(a.batch_a)->state.stamp_s, run.store.anchor(a.batch_b)->state.stamp_s);
+    timed.push_back({closed_s,
+                     {one->first, one->second, other->first, other->second, a.alignment.T_a_b,
+                      inflation * a.alignment.covariance()}});
   }
   std::stable_sort(timed.begin(), timed.end(), [](const auto& x, const auto& y) { return x.first < y.first; });
   std::vector<Closure<SE2>> closures;
@@ -268,20 +284,26 @@ std::vector<Closure<SE2>> closures_of(const Run& run, const std::vector<Aligned>
 }
 
 bool has_truth(const Run& run) {
-  return std::all_of(run.vehicles.begin(), run.vehicles.end(), [&](VehicleId id) { return !run.record.find(id)->truth.empty(); });
+  return std::all_of(run.vehicles.begin(), run.vehicles.end(),
+                     [&](VehicleId id) { return !run.record.find(id)->truth.empty(); });
 }
 
 class Calibrator {
  public:
   explicit Calibrator(const CalibrateOptions& options) : options_(options) {
     if (options.runs.empty()) throw ConfigError("calibrate: name at least one run folder");
-    if (!(options.span_m >= shortest_span_m)) throw ConfigError("calibrate: --span must be 10 m or more; shorter spans see single increments");
-    for (const fs::path& folder : options.runs) runs_.push_back(read_run_for_calibration(folder, options, result_.left_out));
+    if (!(options.span_m >= shortest_span_m))
+      throw ConfigError("calibrate: --span must be 10 m or more; shorter spans see single increments");
+    for (const fs::path& folder : options.runs)
+      runs_.push_back(read_run_for_calibration(folder, options, result_.left_out));
   }
 
   CalibrationResult run() {
     const bool truth = std::all_of(runs_.begin(), runs_.end(), has_truth);
-    if (options_.by == "truth" && !truth) throw ConfigError("calibrate: --by truth, and not every run has a folder 'truth' with poses; leave those runs out, or use --by closures");
+    if (options_.by == "truth" && !truth)
+      throw ConfigError(
+          "calibrate: --by truth, and not every run has a folder 'truth' with poses; leave those runs out, or use --by "
+          "closures");
     result_.by_truth = options_.by == "truth" || (options_.by == "auto" && truth);
     for (const Run& run : runs_) result_.by_truth ? learn_by_truth(run) : learn_by_closures(run);
     result_.landmark_inflation = inflation_estimate(inflation_.chi2, inflation_.dof);
@@ -343,7 +365,8 @@ class Calibrator {
     }
     result_.closures += closures.size();
     for (std::size_t p = 0; p < run.paths.size(); ++p)
-      result_.drives.push_back({run.record.folder.string(), run.vehicles[p], length_of(run.paths[p]), groups_.size(), p});
+      result_.drives.push_back(
+          {run.record.folder.string(), run.vehicles[p], length_of(run.paths[p]), groups_.size(), p});
     groups_.push_back(closure_residuals(run.paths, closures));
   }
 
@@ -364,6 +387,11 @@ std::string short_number(double value) {
   return text;
 }
 
+// What the data do not tell from zero is given at the upper end of its interval: that errs on the safe side.
+double safe_value(const PartEstimate& e) {
+  return e.known && e.low == 0.0 && std::isfinite(e.high) ? e.high : e.value;
+}
+
 std::string with_interval(const PartEstimate& e) {
   if (!e.known) return "not observable";
   const std::string high = std::isinf(e.high) ? "unbounded" : short_number(e.high);
@@ -380,14 +408,18 @@ std::string drift_fragment(const CalibrationResult& r) {
     append_number(text, value);
     return text;
   };
-  const std::string xy = number(r.given[VariancePart::translation].value);
+  const std::string xy = number(safe_value(r.given[VariancePart::translation]));
   std::string text = "<!-- convoy calibrate, " + std::string(r.by_truth ? "by truth" : "by closures") + ", " +
-                     std::to_string(r.drives.size()) + " drives; 95 % intervals: gamma " + with_interval(r.fit[VariancePart::gamma]) +
-                     "; rate_x, rate_y " + with_interval(r.given[VariancePart::translation]) + "; rate_theta " +
-                     with_interval(r.given[VariancePart::rotation]) + "; landmark_inflation " + with_interval(r.landmark_inflation) + " -->\n";
-  text += "<drift gamma=\"" + number(std::max(1e-3, r.given[VariancePart::gamma].value)) + "\" rate_x_m2_per_m=\"" + xy +
-          "\" rate_y_m2_per_m=\"" + xy + "\" rate_theta_rad2_per_m=\"" + number(r.given[VariancePart::rotation].value) + "\"";
-  if (r.landmark_inflation.known) text += " landmark_inflation=\"" + number(std::max(1.0, r.landmark_inflation.value)) + "\"";
+                     std::to_string(r.drives.size()) + " drives; 95 % intervals: gamma " +
+                     with_interval(r.fit[VariancePart::gamma]) + "; rate_x, rate_y " +
+                     with_interval(r.given[VariancePart::translation]) + "; rate_theta " +
+                     with_interval(r.given[VariancePart::rotation]) + "; landmark_inflation " +
+                     with_interval(r.landmark_inflation) + " -->\n";
+  text += "<drift gamma=\"" + number(std::max(1e-3, safe_value(r.given[VariancePart::gamma]))) + "\" rate_x_m2_per_m=\"" +
+          xy + "\" rate_y_m2_per_m=\"" + xy + "\" rate_theta_rad2_per_m=\"" +
+          number(safe_value(r.given[VariancePart::rotation])) + "\"";
+  if (r.landmark_inflation.known)
+    text += " landmark_inflation=\"" + number(std::max(1.0, r.landmark_inflation.value)) + "\"";
   return text + "/>\n";
 }
 
@@ -397,7 +429,8 @@ std::string calibration_text(const CalibrationResult& r) {
     text += what + std::string(what.size() < 34 ? 34 - what.size() : 1, ' ') + value + "\n";
   };
   line(r.by_truth ? "against the truth" : "without truth",
-       r.by_truth ? std::to_string(r.fit.residuals / 3) + " spans of " + short_number(r.span_m) + " m or more, " + std::to_string(r.drives.size()) + " drives"
+       r.by_truth ? std::to_string(r.fit.residuals / 3) + " spans of " + short_number(r.span_m) + " m or more, " +
+                        std::to_string(r.drives.size()) + " drives"
                   : std::to_string(r.closures) + " accepted closures, " + std::to_string(r.drives.size()) + " drives");
   line("gamma", with_interval(r.fit[VariancePart::gamma]));
   line("rate of x, y [m^2/m]", with_interval(r.fit[VariancePart::translation]));
@@ -406,22 +439,25 @@ std::string calibration_text(const CalibrationResult& r) {
     line("with gamma = 1 (its interval holds it)", with_interval(r.given[VariancePart::translation]) + " m^2/m, " +
                                                        with_interval(r.given[VariancePart::rotation]) + " rad^2/m");
   line("landmark inflation f", with_interval(r.landmark_inflation));
-  line("chi-square / residuals", short_number(r.fit.chi2 / r.fit.residuals) + (r.fit.converged ? "" : "  (did not converge)"));
+  line("chi-square / residuals",
+       short_number(r.fit.chi2 / r.fit.residuals) + (r.fit.converged ? "" : "  (did not converge)"));
   const double gain = std::max(0.0, 2.0 * (r.with_constants.log_likelihood - r.fit.log_likelihood));
-  line("constants (kappa, g) explain", "2 dlogL = " + short_number(gain) + (gain > 5.99 ? ": they are there" : ": nothing that chance would not"));
+  line("constants (kappa, g) explain",
+       "2 dlogL = " + short_number(gain) + (gain > 5.99 ? ": they are there" : ": nothing that chance would not"));
   for (const CalibratedDrive& d : r.drives) {
     const ConstantsEstimate& c = r.with_constants.constants[d.constants_group][d.constants_chain];
     line("  " + d.run + " vehicle " + std::to_string(d.vehicle),
-         "kappa " + short_number(c.mean[0]) + " +- " + short_number(c.sigma[0]) + ", g " + short_number(c.mean[1]) + " +- " +
-             short_number(c.sigma[1]) + " rad/m, " + short_number(d.length_m) + " m");
+         "kappa " + short_number(c.mean[0]) + " +- " + short_number(c.sigma[0]) + ", g " + short_number(c.mean[1]) +
+             " +- " + short_number(c.sigma[1]) + " rad/m, " + short_number(d.length_m) + " m");
   }
   line("with constants: rates", with_interval(r.with_constants[VariancePart::translation]) + " m^2/m, " +
                                     with_interval(r.with_constants[VariancePart::rotation]) + " rad^2/m");
   if (r.lag1 && r.lag1->pairs > 0) {
     std::string rho;
     for (Eigen::Index i = 0; i < r.lag1->rho.size(); ++i) rho += (i ? ", " : "") + short_number(r.lag1->rho[i]);
-    line("lag-1 correlation (x, y, heading)", rho + " of " + std::to_string(r.lag1->pairs) + " pairs" +
-                                                  (r.lag1->alarm() ? "  ALARM: drift is not white; correct the constants, or space anchors further" : ""));
+    line("lag-1 correlation (x, y, heading)",
+         rho + " of " + std::to_string(r.lag1->pairs) + " pairs" +
+             (r.lag1->alarm() ? "  ALARM: drift is not white; correct the constants, or space anchors further" : ""));
   }
   for (const std::string& what : r.left_out) line("left out", what);
   return text;

@@ -31,17 +31,17 @@ struct CalibratedDrive {
 
 struct CalibrationResult {
   bool by_truth = false;
-  double span_m = 0.0;               ///< the shortest used; 0: by closures
+  double span_m = 0.0;  ///< the shortest used; 0: by closures
   std::vector<CalibratedDrive> drives;
-  std::size_t closures = 0;          ///< used as evidence, without truth
-  VarianceFit fit;                   ///< without constants
-  /// What a vehicle is to be given: as `fit`, but gamma = 1, the safe default, as long as the interval of gamma holds 1 (SLAM
-  /// and unknown drift grow alike, so that few drives can only tell their sum).
+  std::size_t closures = 0;  ///< used as evidence, without truth
+  VarianceFit fit;           ///< without constants
+  /// What a vehicle is to be given: as `fit`, but gamma = 1, the safe default, as long as the interval of gamma holds 1
+  /// (SLAM and unknown drift grow alike, so that few drives can only tell their sum).
   VarianceFit given;
   VarianceFit with_constants;
-  std::optional<Lag1> lag1;          ///< of the drift, whitened by `fit`
-  PartEstimate landmark_inflation;   ///< unknown if the runs hold no loadings of landmarks, or no association
-  std::vector<std::string> left_out; ///< what was not used, and why
+  std::optional<Lag1> lag1;           ///< of the drift, whitened by `fit`
+  PartEstimate landmark_inflation;    ///< unknown if the runs hold no loadings of landmarks, or no association
+  std::vector<std::string> left_out;  ///< what was not used, and why
 };
 
 /// Throws ConfigError when a folder is no run or nothing is left to learn from.

@@ -23,7 +23,8 @@ std::size_t at(VariancePart part) { return static_cast<std::size_t>(part); }
 
 template <class G>
 struct Accumulated {
-  typename G::Covariance slam = G::Covariance::Zero(), translation = G::Covariance::Zero(), rotation = G::Covariance::Zero();
+  typename G::Covariance slam = G::Covariance::Zero(), translation = G::Covariance::Zero(),
+                         rotation = G::Covariance::Zero();
   Eigen::Matrix<double, G::Dof, 2> constants = Eigen::Matrix<double, G::Dof, 2>::Zero();
 };
 
@@ -71,7 +72,8 @@ ResidualGroup empty_group(Eigen::Index size, int block) {
   return group;
 }
 
-// A part that moves nothing is left out, so that nobody looks for it. The constants become parts, too: one draw per chain.
+// A part that moves nothing is left out, so that nobody looks for it. The constants become parts, too: one draw per
+// chain.
 void finish(ResidualGroup& group) {
   for (Eigen::MatrixXd& part : group.parts)
     if (part.size() != 0 && part.diagonal().maxCoeff() < 1e-11) part.resize(0, 0);  // (3 um)^2: rounding
@@ -95,7 +97,8 @@ Eigen::MatrixXd covariance_of(const ResidualGroup& group, const Theta& theta) {
 // A fit with some parts free and the others held.
 class Scoring {
  public:
-  Scoring(const std::vector<ResidualGroup>& groups, std::vector<std::size_t> free) : groups_(groups), free_(std::move(free)) {}
+  Scoring(const std::vector<ResidualGroup>& groups, std::vector<std::size_t> free)
+      : groups_(groups), free_(std::move(free)) {}
 
   struct Result {
     Theta theta;
@@ -115,7 +118,8 @@ class Scoring {
         const Eigen::VectorXd step = H.ldlt().solve(gradient).cwiseMax(-1.5).cwiseMin(1.5);
         Theta theta = best.theta;
         for (std::size_t i = 0; i < free_.size(); ++i)
-          theta[free_[i]] = std::clamp(theta[free_[i]] * std::exp(step[static_cast<Eigen::Index>(i)]), smallest, largest);
+          theta[free_[i]] =
+              std::clamp(theta[free_[i]] * std::exp(step[static_cast<Eigen::Index>(i)]), smallest, largest);
         const double value = log_likelihood(groups_, theta);
         improved = value > best.value;
         if (improved) {
@@ -237,7 +241,8 @@ ResidualGroup span_residuals(const DrivenPath<G>& path, const std::vector<G>& tr
     const typename G::Adjoint back = path.states[b].pose.inverse().adjoint(), over = true_motion.inverse().adjoint();
     group.r.segment<D>(n * D) = (motion.inverse() * true_motion).Log();
     const auto set = [&](VariancePart part, const typename G::Covariance& C) {
-      group.parts[at(part)].template block<D, D>(n * D, n * D) = positive_part(typename G::Covariance(back * C * back.transpose()));
+      group.parts[at(part)].template block<D, D>(n * D, n * D) =
+          positive_part(typename G::Covariance(back * C * back.transpose()));
     };
     set(VariancePart::gamma, sums[b].slam - sums[a].slam);
     set(VariancePart::translation, sums[b].translation - sums[a].translation);
@@ -298,7 +303,8 @@ ResidualGroup closure_residuals(const std::vector<DrivenPath<G>>& paths, const s
     const G T_a_b = same ? Xa.inverse() * Xb : (base[c.path_a] * Xa).inverse() * base[c.path_b] * Xb;
     group.r.segment<D>(i * D) = (c.T_a_b.inverse() * T_a_b).Log();
     const Matrix to_b = T_a_b.inverse().adjoint();
-    terms.push_back({Term{c.path_a, c.state_a, to_b * Xa.inverse().adjoint()}, Term{c.path_b, c.state_b, -Xb.inverse().adjoint()}});
+    terms.push_back(
+        {Term{c.path_a, c.state_a, to_b * Xa.inverse().adjoint()}, Term{c.path_b, c.state_b, -Xb.inverse().adjoint()}});
     group.fixed.block<D, D>(i * D, i * D) += c.covariance;
   }
   Matrix diffuse = Matrix::Identity();
@@ -312,7 +318,8 @@ ResidualGroup closure_residuals(const std::vector<DrivenPath<G>>& paths, const s
       for (const Term& s : terms[static_cast<std::size_t>(i)])
         for (const Term& t : terms[static_cast<std::size_t>(j)]) {
           if (s.path != t.path) continue;
-          const Accumulated<G>& sum = sums[static_cast<std::size_t>(s.path)][static_cast<std::size_t>(std::min(s.state, t.state))];
+          const Accumulated<G>& sum =
+              sums[static_cast<std::size_t>(s.path)][static_cast<std::size_t>(std::min(s.state, t.state))];
           if (!same_chain(i) && !same_chain(j)) known += s.A * diffuse * t.A.transpose();
           slam += s.A * sum.slam * t.A.transpose();
           translation += s.A * sum.translation * t.A.transpose();
@@ -331,7 +338,8 @@ ResidualGroup closure_residuals(const std::vector<DrivenPath<G>>& paths, const s
     Eigen::MatrixXd U = Eigen::MatrixXd::Zero(n * D, 2);
     for (Eigen::Index i = 0; i < n; ++i)
       for (const Term& t : terms[static_cast<std::size_t>(i)])
-        if (t.path == static_cast<int>(p)) U.middleRows<D>(i * D) += t.A * sums[p][static_cast<std::size_t>(t.state)].constants;
+        if (t.path == static_cast<int>(p))
+          U.middleRows<D>(i * D) += t.A * sums[p][static_cast<std::size_t>(t.state)].constants;
     group.constants.push_back(U);
   }
   if (n == 0) group.constants.clear();
@@ -351,7 +359,8 @@ double log_likelihood(const std::vector<ResidualGroup>& groups, const std::array
     const Eigen::LLT<Eigen::MatrixXd> llt(covariance_of(group, theta));
     if (llt.info() != Eigen::Success) return -infinity;
     const double log_det = 2.0 * llt.matrixLLT().diagonal().array().log().sum();
-    value -= 0.5 * (log_det + llt.matrixL().solve(group.r).squaredNorm() + static_cast<double>(group.r.size()) * std::log(2.0 * M_PI));
+    value -= 0.5 * (log_det + llt.matrixL().solve(group.r).squaredNorm() +
+                    static_cast<double>(group.r.size()) * std::log(2.0 * M_PI));
   }
   return value;
 }
@@ -365,7 +374,8 @@ VarianceFit fit_variances(const std::vector<ResidualGroup>& groups, const Varian
   Theta start = params.start;
   for (std::size_t p = 0; p < start.size(); ++p) {
     const bool constant = p >= at(VariancePart::scale);
-    const bool there = std::any_of(groups.begin(), groups.end(), [&](const ResidualGroup& g) { return g.parts[p].size() != 0; });
+    const bool there =
+        std::any_of(groups.begin(), groups.end(), [&](const ResidualGroup& g) { return g.parts[p].size() != 0; });
     const bool held = params.hold_gamma && p == at(VariancePart::gamma);
     if (there && !held && (!constant || params.constants)) free.push_back(p);
     else if (constant) start[p] = 0.0;
@@ -417,8 +427,9 @@ PartEstimate inflation_estimate(double chi2, int dof) {
   return {true, chi2 / dof, chi2 / chi2_quantile(0.975, dof), chi2 / chi2_quantile(0.025, dof)};
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                        \
-  template ResidualGroup span_residuals(const DrivenPath<G>&, const std::vector<G>&, double, const typename G::Tangent&); \
+#define CONVOY_INSTANTIATE(G)                                                                \
+  template ResidualGroup span_residuals(const DrivenPath<G>&, const std::vector<G>&, double, \
+                                        const typename G::Tangent&);                         \
   template ResidualGroup closure_residuals(const std::vector<DrivenPath<G>>&, const std::vector<Closure<G>>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

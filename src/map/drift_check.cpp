@@ -33,7 +33,8 @@ class Paths {
 }  // namespace
 
 template <class G>
-Lag1 drift_correlation(const FactStore<G>& store, const Selection<G>& selection, const ChainId& chain, std::size_t most) {
+Lag1 drift_correlation(const FactStore<G>& store, const Selection<G>& selection, const ChainId& chain,
+                       std::size_t most) {
   // Hypotheses come strongest first, so the first of a closing batch is the one to keep.
   std::map<std::pair<double, Key>, const Hypothesis<G>*> by_closing;  // in the order of driving
   for (const Hypothesis<G>& h : selection.hypotheses) {

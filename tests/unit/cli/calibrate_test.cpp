@@ -15,8 +15,8 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double rate_xy = 3e-4, rate_theta = 6e-6;   // true
-constexpr double own_m = 0.05, inflation = 2.0;       // what a landmark states, and how much more its variance really is
+constexpr double rate_xy = 3e-4, rate_theta = 6e-6;  // true
+constexpr double own_m = 0.05, inflation = 2.0;      // what a landmark states, and how much more its variance really is
 constexpr std::uint64_t epoch = 1700000000;
 
 DriftParams<SE2> params_of_the_run() {
@@ -34,12 +34,17 @@ class TwoLaps {
     write_truth(truth_file(folder, 1), truth_);
     write_landmarks(folder / "truth" / "landmarks.csv", points_);
     test::write(own / "config.xml", "<convoy version=\"1\"/>\n");
-    test::write(folder / "run.json", json{{"scenario", "street"}, {"vehicles", {1}}, {"common_frame_vehicle", 1}}.dump());
+    test::write(folder / "run.json",
+                json{{"scenario", "street"}, {"vehicles", {1}}, {"common_frame_vehicle", 1}}.dump());
     test::write(own / "trajectory.csv", trajectory_);
     test::write(own / "labels.csv", labels_);
     test::write(own / "facts.jsonl", facts_);
-    test::write(own / "map.json", json{{"map_digest", "0"}, {"chains", json::array()}, {"anchors", json::array()},
-                                       {"landmarks", json::array()}, {"associations", associations_}}.dump());
+    test::write(own / "map.json", json{{"map_digest", "0"},
+                                       {"chains", json::array()},
+                                       {"anchors", json::array()},
+                                       {"landmarks", json::array()},
+                                       {"associations", associations_}}
+                                      .dump());
   }
 
  private:
@@ -53,9 +58,16 @@ class TwoLaps {
   }
 
   void anchor(const ChainState<SE2>& state, std::uint32_t count) {
-    facts_ += json{{"kind", "anchor"}, {"key", {1, epoch, anchors_++}}, {"stamp_s", state.stamp_s}, {"abscissa_m", state.abscissa_m},
+    facts_ += json{{"kind", "anchor"},
+                   {"key", {1, epoch, anchors_++}},
+                   {"stamp_s", state.stamp_s},
+                   {"abscissa_m", state.abscissa_m},
                    {"slam", {state.pose.translation().x(), state.pose.translation().y(), state.pose.theta()}},
-                   {"drift", upper(state.drift)}, {"first_landmark", landmarks_}, {"landmark_count", count}}.dump() + "\n";
+                   {"drift", upper(state.drift)},
+                   {"first_landmark", landmarks_},
+                   {"landmark_count", count}}
+                  .dump() +
+              "\n";
   }
 
   // The batch of a place: its points are the same on both laps.
@@ -65,18 +77,26 @@ class TwoLaps {
     for (std::uint32_t i = 0; i < 8; ++i) {
       const std::uint32_t id = 8 * place + i;
       if (!second_lap)
-        points_.push_back({id, T_world_body * Eigen::Vector2d(4.0 * (i % 4) - 6.0 + normal(0.5), i < 4 ? 5.0 + normal(1.0) : -5.0 + normal(1.0))});
+        points_.push_back({id, T_world_body * Eigen::Vector2d(4.0 * (i % 4) - 6.0 + normal(0.5),
+                                                              i < 4 ? 5.0 + normal(1.0) : -5.0 + normal(1.0))});
       const double sigma = own_m * std::sqrt(inflation);
-      const Eigen::Vector2d p = T_world_body.inverse() * points_[id].p_world_m + Eigen::Vector2d(normal(sigma), normal(sigma));
-      facts_ += json{{"kind", "landmark"}, {"key", {1, epoch, landmarks_}}, {"anchor", anchors_ - 1}, {"position", {p.x(), p.y()}},
+      const Eigen::Vector2d p =
+          T_world_body.inverse() * points_[id].p_world_m + Eigen::Vector2d(normal(sigma), normal(sigma));
+      facts_ += json{{"kind", "landmark"},
+                     {"key", {1, epoch, landmarks_}},
+                     {"anchor", anchors_ - 1},
+                     {"position", {p.x(), p.y()}},
                      {"covariance", upper(1.5 * own_m * own_m * Eigen::Matrix2d::Identity())},
-                     {"loading", std::vector<double>(24, 0.0)}}.dump() + "\n";
+                     {"loading", std::vector<double>(24, 0.0)}}
+                    .dump() +
+                "\n";
       labels_ += std::to_string(landmarks_) + "," + std::to_string(epoch) + "," + std::to_string(id) + "\n";
       if (second_lap) pairings.push_back({1, epoch, first_lap_[id], 1, epoch, landmarks_});
       else first_lap_.push_back(landmarks_);
       ++landmarks_;
     }
-    if (second_lap) associations_.push_back({{"author", 1}, {"t_s", state.stamp_s}, {"accepted", true}, {"pairings", pairings}});
+    if (second_lap)
+      associations_.push_back({{"author", 1}, {"t_s", state.stamp_s}, {"accepted", true}, {"pairings", pairings}});
   }
 
   void drive() {
@@ -90,7 +110,8 @@ class TwoLaps {
       if (k > 0) {
         const SE2 U = SE2::Exp({1.0, 0.0, k % 170 < 50 ? M_PI / 50.0 : 0.0});
         state = accumulator.advance(0.1 * k, k, state.pose * U, SE2::Covariance::Zero());
-        truth = truth * U * SE2::Exp({normal(std::sqrt(rate_xy)), normal(std::sqrt(rate_xy)), normal(std::sqrt(rate_theta))});
+        truth = truth * U *
+                SE2::Exp({normal(std::sqrt(rate_xy)), normal(std::sqrt(rate_xy)), normal(std::sqrt(rate_theta))});
       }
       truth_.push_back({0.1 * k, truth});
       if (k > 0 && k % 340 % 30 == 15) batch(state, truth, static_cast<std::uint32_t>(k % 340 / 30), k > 340);
@@ -120,7 +141,8 @@ CalibrateOptions options_for(const test::TemporaryFolder& folder, int runs, cons
   options.drift_of_config = [](const std::filesystem::path&) { return params_of_the_run(); };
   for (int run = 0; run < runs; ++run) {
     options.runs.push_back(folder / ("run" + std::to_string(run)));
-    if (!std::filesystem::exists(options.runs.back())) TwoLaps(options.runs.back(), 500 + static_cast<std::uint64_t>(run));
+    if (!std::filesystem::exists(options.runs.back()))
+      TwoLaps(options.runs.back(), 500 + static_cast<std::uint64_t>(run));
   }
   return options;
 }

@@ -19,7 +19,7 @@ constexpr double no_truth_noise = 1e-4;
 /// What is true of one simulated vehicle.
 struct Noise {
   double xy = rate_xy, theta = rate_theta;  // per metre
-  double gamma = 0.0;                       // of the covariance that the SLAM states (the same shape, a rate of its own)
+  double gamma = 0.0;  // of the covariance that the SLAM states (the same shape, a rate of its own)
   double kappa = 0.0, g = 0.0;
 };
 constexpr double stated_xy = 1e-4, stated_theta = 2e-6;  // what the SLAM states per metre
@@ -87,12 +87,15 @@ Spread spread(std::vector<double> x) {
   const auto q = [&](double p) { return x[static_cast<std::size_t>(p * static_cast<double>(x.size() - 1))]; };
   return {q(0.1), q(0.5), q(0.9)};
 }
-void print(const char* what, const Spread& s) { std::printf("  %-28s %.2f (%.2f-%.2f)\n", what, s.median, s.low, s.high); }
+void print(const char* what, const Spread& s) {
+  std::printf("  %-28s %.2f (%.2f-%.2f)\n", what, s.median, s.low, s.high);
+}
 
 TEST(VarianceFit, AgreesWithTheDerivativeOfTheLikelihoodAtItsMaximum) {
   test::Random random(3);
   std::vector<ResidualGroup> groups;
-  for (int run = 0; run < 6; ++run) groups.push_back(spans_of(drive(random, {rate_xy, rate_theta, 0.7, 0.01, 1e-4}, 680.0, true)));
+  for (int run = 0; run < 6; ++run)
+    groups.push_back(spans_of(drive(random, {rate_xy, rate_theta, 0.7, 0.01, 1e-4}, 680.0, true)));
   const VarianceFit fit = fit_variances(groups, {.constants = true, .intervals = false});
   ASSERT_TRUE(fit.converged);
   for (std::size_t p = 0; p < variance_part_count; ++p) {
@@ -125,7 +128,8 @@ TEST(CalibrateByTruth, FindsTheRatesAndItsIntervalsCoverThem) {
     const VarianceFit fit = fit_variances(groups);
     xy.push_back(fit[VariancePart::translation].value / rate_xy);
     theta.push_back(fit[VariancePart::rotation].value / rate_theta);
-    for (const auto& [part, truth] : {std::pair(VariancePart::translation, rate_xy), std::pair(VariancePart::rotation, rate_theta)}) {
+    for (const auto& [part, truth] :
+         {std::pair(VariancePart::translation, rate_xy), std::pair(VariancePart::rotation, rate_theta)}) {
       covered += fit[part].low <= truth && truth <= fit[part].high;
       ++asked;
     }
@@ -191,7 +195,8 @@ TEST(Constants, OfAnOdometerThatIsOffAreFound) {
   constexpr double kappa = 0.01, g = 2e-4;
   test::Random random(7);
   std::vector<ResidualGroup> groups;
-  for (int run = 0; run < 6; ++run) groups.push_back(spans_of(drive(random, {rate_xy, rate_theta, 0.0, kappa, g}, 680.0, false)));
+  for (int run = 0; run < 6; ++run)
+    groups.push_back(spans_of(drive(random, {rate_xy, rate_theta, 0.0, kappa, g}, 680.0, false)));
   const VarianceFit without = fit_variances(groups, {.intervals = false});
   const VarianceFit with = fit_variances(groups, {.constants = true, .intervals = false});
   EXPECT_GT(with.log_likelihood, without.log_likelihood + 10.0);

@@ -1,8 +1,8 @@
 // Absolute fixes (F3, DESIGN B7): the datum, outliers, and errors that hang together in time.
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
-#include <convoy/map/factors.hpp>
 #include <convoy/map/ekf_map.hpp>
+#include <convoy/map/factors.hpp>
 #include <convoy/map/global_map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
@@ -56,9 +56,13 @@ class DrivenFleet {
     f.covariance = sigma_m * sigma_m * G::PointCovariance::Identity();
     fleet.facts.emplace_back(f);
   }
-  void fix(VehicleId v, std::uint32_t anchor) { fix(v, anchor, sigma_m * fleet.random().template unit_normal<G::Dim>()); }
+  void fix(VehicleId v, std::uint32_t anchor) {
+    fix(v, anchor, sigma_m * fleet.random().template unit_normal<G::Dim>());
+  }
 
-  GlobalMap<G> map(const SelectionParams& params) const { return build_global_map(fleet.store(), params, SparseMap<G>()); }
+  GlobalMap<G> map(const SelectionParams& params) const {
+    return build_global_map(fleet.store(), params, SparseMap<G>());
+  }
 };
 
 SelectionParams uncorrelated() {
@@ -117,7 +121,8 @@ TYPED_TEST(AbsoluteFixes, AlignVehiclesThatNothingElseConnects) {
     sum += squared_mahalanobis((last->mean.inverse() * truth).Log(), last->covariance) / G::Dof;
     ++count;
     // Where the fixes hold it, it is as good as they are; seen from the start of vehicle 1, the yaw there turns it.
-    const G in_enu = global.map->datum()->mean * last->mean, true_in_enu = enu_of_world<G>() * fleet.fleet.truth.at(key_of(2, 8));
+    const G in_enu = global.map->datum()->mean * last->mean,
+            true_in_enu = enu_of_world<G>() * fleet.fleet.truth.at(key_of(2, 8));
     EXPECT_LT((in_enu.translation() - true_in_enu.translation()).norm(), 5.0) << "seed " << seed;
   }
   std::printf("  ANEES of a pose that only fixes relate to the common frame: %.2f of %d runs\n", sum / count, count);
@@ -210,7 +215,9 @@ TYPED_TEST(AbsoluteFixes, OfOnePlaceSayNothingOfTheYawAndChangeNothing) {
   const auto map = with.map(uncorrelated()), plain = without.map(uncorrelated());
   EXPECT_FALSE(map.map->datum().has_value());
   const auto state = with.fleet.anchor(key_of(1, 4)).state;
-  EXPECT_LT((map.map->pose(chain_of(1), state)->mean.inverse() * plain.map->pose(chain_of(1), state)->mean).Log().norm(), 1e-12);
+  EXPECT_LT(
+      (map.map->pose(chain_of(1), state)->mean.inverse() * plain.map->pose(chain_of(1), state)->mean).Log().norm(),
+      1e-12);
 }
 
 TYPED_TEST(AbsoluteFixes, AreAFunctionOfTheSetToTheBit) {

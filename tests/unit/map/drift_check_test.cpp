@@ -14,8 +14,8 @@ using test::key_of;
 
 constexpr int stops = 24;  // 15 m apart, along a circle of 240 m: a lap and a half
 
-/// One vehicle drives a circle; its anchors and what it drifts are drawn anew. `kappa`: scale error of its odometer, which its
-/// covariances know nothing of. Landmarks and associations are exact enough to leave the drift in view.
+/// One vehicle drives a circle; its anchors and what it drifts are drawn anew. `kappa`: scale error of its odometer,
+/// which its covariances know nothing of. Landmarks and associations are exact enough to leave the drift in view.
 struct Driven {
   FactStore<SE2> store;
   Selection<SE2> selection;
