@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <variant>
 #include <vector>
 
@@ -56,7 +57,8 @@ struct SubmapManagerCounters {
 };
 
 template <class G>
-using AnyFact = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact>;
+using AnyFact =
+    std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact, AbsoluteFixFact<G>>;
 
 /// What it takes to build a map elsewhere.
 template <class G>
@@ -93,6 +95,10 @@ class SubmapManager {
   /// False if the same hypothesis is already held, or if there is none.
   bool publish_association(std::vector<Pairing> pairings);
   void publish_verdict(Hash hypothesis, bool veto);
+  /// A receiver of absolute positions said where its antenna (`lever`, body frame) was when the SLAM was at `state`: `position`
+  /// east-north(-up) of the fleet's datum [m]. Call after open_chain(). False if it is not fit to be a fact.
+  bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever, const typename G::Point& position,
+                            const typename G::PointCovariance& covariance);
   /// Where this vehicle is now. Not a fact: only the last one counts.
   void publish_live(const ChainState<G>& state);
 
@@ -143,6 +149,7 @@ class SubmapManager {
   std::shared_ptr<const Backend<G>> backend_;
   MapBuilder<G> builder_;
   GlobalMap<G> map_;
+  std::set<ChainId> drift_alarms_;  // by the closures of map_
   std::uint64_t map_revision_ = 0;      // of the facts in map_
   std::uint64_t ordered_revision_ = 0;  // of the facts in map_ or in the last order
   bool orders_given_ = false;

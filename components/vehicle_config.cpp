@@ -95,6 +95,9 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("map", "min_pairings", s.selection.min_pairings);
   visit("map", "residual", s.selection.residual);
   visit("map", "map_residual", s.selection.map_residual);
+  visit("map", "fix_correlation_s", s.selection.fix_correlation_s);
+  visit("map", "fix_residual", s.selection.fix_residual);
+  visit("map", "common_frame_is_enu", s.selection.common_frame_is_enu);
   visit("map", "reference_vehicle", s.selection.reference);
   visit("map", "stale_peer_s", s.stale_peer_s);
 
@@ -326,6 +329,8 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(v.submaps.selection.min_pairings >= 3, "map", "min_pairings", "be 3 or more; two pairs align with anything");
   confidence(v.submaps.selection.residual, "map", "residual");
   confidence(v.submaps.selection.map_residual, "map", "map_residual");
+  confidence(v.submaps.selection.fix_residual, "map", "fix_residual");
+  demand(v.submaps.selection.fix_correlation_s >= 0.0, "map", "fix_correlation_s", "be >= 0");
   const VehicleId reference = v.submaps.selection.reference;
   demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle", "be on the roster, or 0");
 

@@ -7,6 +7,7 @@
 
 #include <cstdio>
 
+#include "calibrate.hpp"
 #include "consistency/suite.hpp"
 #include "demo.hpp"
 #include "evaluate/evaluate.hpp"
@@ -66,6 +67,18 @@ int main(int argc, char** argv) {
     cli::write_evaluation(run, evaluation);
     cli::write_report(run, evaluation);
     std::printf("%s\n", cli::headline(run, evaluation.metrics).c_str());
+  });
+
+  cli::CalibrateOptions calibrate;
+  auto* calibrate_command = app.add_subcommand("calibrate", "Learn the drift noise from runs: intervals and a <drift/> element");
+  calibrate_command->add_option("runs", calibrate.runs, "run folders of convoy demo")->required();
+  calibrate_command->add_option("--out", calibrate.out, "XML file to write the <drift/> element to");
+  calibrate_command->add_option("--by", calibrate.by, "truth, closures, or auto: truth if every run has it (default: auto)")
+      ->check(CLI::IsMember({"auto", "truth", "closures"}));
+  calibrate_command->add_option("--span", calibrate.span_m, "metres of a span against the truth (default: 80)");
+  calibrate_command->callback([&] {
+    calibrate.drift_of_config = [](const std::filesystem::path& file) { return load_vehicle_config(file).vehicle.drift; };
+    status = cli::run_calibrate(calibrate);
   });
 
   cli::SolveOptions solve;

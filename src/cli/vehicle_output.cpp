@@ -138,12 +138,17 @@ std::string facts_lines(const FactStore<SE2>& store) {
                              {"landmark_count", f.landmark_count}});
     for (const auto& [i, f] : chain.landmarks)
       line("landmark", f.key, {{"anchor", f.anchor}, {"position", {f.position.x(), f.position.y()}},
-                               {"covariance", upper(f.covariance)}});
+                               {"covariance", upper(f.covariance)},
+                               {"loading", std::vector<double>(f.loading.data(), f.loading.data() + f.loading.size())}});
     for (const auto& [i, f] : chain.associations) {
       json pairings = json::array();
       for (const auto& [a, b] : f.pairings) pairings.push_back({key_of(a), key_of(b)});
       line("association", f.key, {{"hypothesis", hex(hypothesis_id(f.pairings))}, {"pairings", pairings}});
     }
+    for (const auto& [i, f] : chain.absolute_fixes)
+      line("absolute_fix", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
+                                   {"lever", {f.lever.x(), f.lever.y()}}, {"position", {f.position.x(), f.position.y()}},
+                                   {"covariance", upper(f.covariance)}});
     for (const auto& [i, f] : chain.verdicts)
       line("verdict", f.key, {{"hypothesis", hex(f.hypothesis)}, {"veto", f.veto}});
   }

@@ -119,6 +119,12 @@ typename G::Covariance diffuse() {
 
 template <class G>
 std::unique_ptr<Map<G>> EkfMap<G>::solve(Problem<G> problem) const {
+  problem.fixes.clear();  // the paper's filter knows no absolute positions
+  if (problem.datum >= 0) {
+    problem.nodes.pop_back();
+    std::erase_if(problem.priors, [&](const PriorFactor<G>& f) { return f.node == problem.datum; });
+    problem.datum = -1;
+  }
   Filter<G> filter(problem);
   SolveReport report;
   report.iterations = 1;

@@ -17,7 +17,8 @@ struct GlobalMap {
 
 /// Never null: an empty store gives an empty map. The most contradicting hypothesis (r^T Z^-1 r of its own alignment
 /// against the map, beyond `map_residual`) is dropped, one at a time, until none is left. Then landmarks that could as well be
-/// of another class leave theirs: a map of many batches tells neighbours apart that two batches cannot.
+/// of another class leave theirs (an absolute fix that contradicts a map without it goes like a hypothesis, the worse of the two
+/// first): a map of many batches tells neighbours apart that two batches cannot.
 template <class G>
 GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
 

@@ -4,6 +4,7 @@
 #include <convoy/submap/content_hash.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <numeric>
 
@@ -125,6 +126,26 @@ std::set<Hash> vetoed(const FactStore<G>& store) {
   return result;
 }
 
+// One fix per vehicle and correlation time, the earliest by key, so that errors that hang together do not count twice
+// (DESIGN B7). A fix whose anchor has not arrived is absent.
+template <class G>
+std::vector<Key> thinned_fixes(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded) {
+  std::vector<Key> kept;
+  VehicleId vehicle = 0;
+  double last_s = 0.0;
+  for (const auto& [id, chain] : store.chains())
+    for (const auto& [index, fix] : chain.absolute_fixes) {
+      const bool first = id.vehicle != vehicle;
+      const AnchorFact<G>* anchor = store.anchor(fix.anchor_key());
+      if (anchor == nullptr || anchor->state.abscissa_m > fix.state.abscissa_m || excluded.fixes.count(fix.key)) continue;
+      if (!first && std::abs(fix.state.stamp_s - last_s) < params.fix_correlation_s) continue;
+      vehicle = id.vehicle;
+      last_s = fix.state.stamp_s;
+      kept.push_back(fix.key);
+    }
+  return kept;
+}
+
 }  // namespace
 
 const char* to_string(HypothesisState state) {
@@ -239,6 +260,8 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
     hash.add(static_cast<std::uint64_t>(members.size()), 4);
     for (const Key& k : members) hash.add(k.chain.vehicle, 4).add(k.chain.epoch).add(k.index, 4);
   }
+  selection.fixes = thinned_fixes(store, params_, excluded);
+  for (const Key& key : selection.fixes) hash.add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4);
   selection.digest = hash.value();
   return selection;
 }
