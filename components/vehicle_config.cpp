@@ -95,6 +95,9 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("map", "min_pairings", s.selection.min_pairings);
   visit("map", "residual", s.selection.residual);
   visit("map", "map_residual", s.selection.map_residual);
+  visit("map", "fix_correlation_s", s.selection.fix_correlation_s);
+  visit("map", "fix_residual", s.selection.fix_residual);
+  visit("map", "common_frame_is_enu", s.selection.common_frame_is_enu);
   visit("map", "reference_vehicle", s.selection.reference);
   visit("map", "stale_peer_s", s.stale_peer_s);
 
@@ -111,6 +114,8 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("sensors", "file", c.sensors.file);
   visit("sensors", "rate", c.sensors.rate);
   visit("sensors", "start_unix_s", c.sensors.start_unix_s);
+  visit("sensors", "fix_lever_x_m", c.sensors.fix_lever_x_m);
+  visit("sensors", "fix_lever_y_m", c.sensors.fix_lever_y_m);
 }
 
 struct StaticBias {
@@ -319,6 +324,8 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
 
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
   above_zero(c.sensors.rate, "sensors", "rate");
+  demand(std::abs(c.sensors.fix_lever_x_m) <= 100.0, "sensors", "fix_lever_x_m", "lie in -100..100 m: the antenna is on the vehicle");
+  demand(std::abs(c.sensors.fix_lever_y_m) <= 100.0, "sensors", "fix_lever_y_m", "lie in -100..100 m: the antenna is on the vehicle");
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
 
   above_zero(v.submaps.map_period_s, "map", "period_s");
@@ -326,6 +333,10 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(v.submaps.selection.min_pairings >= 3, "map", "min_pairings", "be 3 or more; two pairs align with anything");
   confidence(v.submaps.selection.residual, "map", "residual");
   confidence(v.submaps.selection.map_residual, "map", "map_residual");
+  confidence(v.submaps.selection.fix_residual, "map", "fix_residual");
+  demand(v.submaps.selection.fix_correlation_s >= 0.0, "map", "fix_correlation_s", "be >= 0");
+  demand(!v.submaps.selection.common_frame_is_enu || v.submaps.backend == MapBackend::sparse, "map", "common_frame_is_enu",
+         "be false beside backend=\"ekf\", which takes no absolute fixes");
   const VehicleId reference = v.submaps.selection.reference;
   demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle", "be on the roster, or 0");
 

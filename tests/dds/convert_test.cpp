@@ -90,6 +90,20 @@ TEST(Convert, PriorRoundTrip) {
     EXPECT_EQ(hash_of(std::get<PriorFact<SE2>>(round_trip<v1::PriorPubSubType>(fact).payload)), hash_of(fact));
 }
 
+template <class G>
+AbsoluteFixFact<G> any_fix(const ChainState<G>& state) {
+  AbsoluteFixFact<G> fact{{author, 6}, 4, state};
+  fact.lever = G::Point::NullaryExpr([] { return any(); });
+  fact.position = G::Point::NullaryExpr([] { return any(); });
+  fact.covariance = any_covariance<G::Dim>();
+  return fact;
+}
+
+TEST(Convert, AbsoluteFixRoundTrip) {
+  const auto fact = any_fix<SE2>(any_state());
+  EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE2>>(round_trip<v1::AbsoluteFixPubSubType>(fact).payload)), hash_of(fact));
+}
+
 TEST(Convert, AssociationRoundTrip) {
   AssociationFact fact{{author, 5}, {}};
   for (std::uint32_t i = 0; i < 40; ++i) fact.pairings.push_back({{sender, i}, {{9 + i / 20, 1}, 2 * i}});
@@ -137,11 +151,19 @@ TEST(Convert, DigestRoundTripKeepsTheOrderOfMarks) {
 
 TEST(Convert, ADigestOfTwoVehiclesIsSmall) {
   Digest digest;
+  const auto size = [&] {
+    v1::Digest sample;
+    EXPECT_EQ(to_wire<SE2>(sender, digest, sample), WireStatus::ok);
+    return v1::Digest::getCdrSerializedSize(sample);
+  };
   for (const ChainId chain : {sender, author})
-    for (int kind = 0; kind < fact_kind_count; ++kind) digest.marks.push_back({chain, static_cast<FactKind>(kind), 9, 9, 9});
-  v1::Digest sample;
-  ASSERT_EQ(to_wire<SE2>(sender, digest, sample), WireStatus::ok);
-  EXPECT_LE(v1::Digest::getCdrSerializedSize(sample), 300U);
+    for (const FactKind kind :
+         {FactKind::anchor, FactKind::landmark, FactKind::prior, FactKind::association, FactKind::verdict})
+      digest.marks.push_back({chain, kind, 9, 9, 9});
+  const std::size_t without = size();
+  EXPECT_LE(without, 300U);
+  digest.marks.push_back({author, FactKind::absolute_fix, 9, 9, 9});  // a kind costs those that have it: 4 + 4 + 8 bytes
+  EXPECT_LE(size(), without + 24U);
 }
 
 TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
@@ -211,6 +233,25 @@ TEST(Convert, RefusesBadLandmarks) {
             WireStatus::unknown_enum);
 }
 
+TEST(Convert, RefusesBadAbsoluteFixes) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  v1::AbsoluteFix good;
+  ASSERT_EQ(to_wire(sender, any_fix<SE2>(any_state()), good), WireStatus::ok);
+  const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix&) {}), WireStatus::ok);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.dimension(3); }), WireStatus::wrong_dimension);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.vehicle(0); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.lever().resize(3); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.position().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.covariance().resize(6); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.state().drift().resize(21); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.state().pose()[2] = 4.0; }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.lever()[1] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.position()[0] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.covariance()[2] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.state().stamp_s(nan); }), WireStatus::not_finite);
+}
+
 TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   v1::Request request;
   ASSERT_EQ(to_wire<SE2>(sender, Request{author, FactKind::anchor, {{1, 2}}}, request), WireStatus::ok);
@@ -222,7 +263,7 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 1, 2, 3, 4}, digest), WireStatus::ok);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for its receiver to count";
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(4); }), WireStatus::wrong_dimension);
-  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x20); }), WireStatus::unknown_enum);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x40); }), WireStatus::unknown_enum);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks().resize(257, s.marks()[0]); }), WireStatus::too_many);
 
@@ -279,6 +320,8 @@ TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
     }
     EXPECT_EQ(hash_of(anchor), anchor_hash);
     EXPECT_EQ(hash_of(prior), prior_hash);
+    const auto fix = any_fix<SE3>(any_state_in_space());
+    EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE3>>(round_trip<v1::AbsoluteFixPubSubType, SE3>(fix).payload)), hash_of(fix));
     const auto got = std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(pose).payload);
     EXPECT_EQ(hash_of(AnchorFact<SE3>{{author, 3}, got.state}), hash_of(AnchorFact<SE3>{{author, 3}, pose.state}));
   }

@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -86,6 +87,23 @@ class VehicleTest : public ::testing::Test {
   InProcessNetwork<SE2> network_;
   std::unique_ptr<Vehicle<SE2>> vehicle_;
 };
+
+TEST_F(VehicleTest, AbsoluteFixesBecomeFactsAndUnfitOnesAreCounted) {
+  const SE2::PointCovariance metre = SE2::PointCovariance::Identity();
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre)) << "unconfigured";
+  vehicle().configure();
+  close_segment();
+  const auto published = vehicle().snapshot().submaps.facts_published;
+  EXPECT_TRUE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre));
+  EXPECT_EQ(vehicle().snapshot().submaps.facts_published, published + 1);
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {NAN, 200.0}, metre));
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, -metre));
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {1e9, 200.0}, metre));
+  EXPECT_EQ(vehicle().snapshot().submaps.facts_unfit, 3U);
+  EXPECT_TRUE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre)) << "fit, and not needed";
+  EXPECT_EQ(vehicle().snapshot().submaps.fixes_thinned, 1U);
+  EXPECT_EQ(vehicle().snapshot().submaps.facts_published, published + 1);
+}
 
 TEST_F(VehicleTest, CallsInTheWrongStateThrowAndChangeNothing) {
   auto& v = vehicle();
