@@ -2,6 +2,8 @@
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/wire_bounds.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/global_map.hpp>
+#include <convoy/map/sparse_map.hpp>
 
 #include <gtest/gtest.h>
 
@@ -431,6 +433,59 @@ TEST(WireScan, SpoiltBytesAreDecodedOrRefusedNeverWorse) {
   EXPECT_GT(seen[Decoding::ok], 0);
   EXPECT_GT(seen[Decoding::undecodable], 0);
   EXPECT_GT(seen[Decoding::hostile], 0);
+}
+
+// The same of absolute fixes; and what is taken in at last does a map no harm.
+template <class G>
+void expect_spoilt_fixes_do_no_harm(const ChainState<G>& state) {
+  v1::AbsoluteFix sample;
+  AbsoluteFixFact<G> fact = any_fix<G>(state);
+  fact.key.index = 0;
+  fact.anchor = 1;
+  ASSERT_EQ(to_wire(sender, fact, sample), WireStatus::ok);
+  GuardedType<v1::AbsoluteFixPubSubType> type;
+  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&sample)());
+  ASSERT_TRUE(type.serialize(&sample, &good));
+  FactStore<G> store;
+  for (std::uint32_t k = 0; k < 2; ++k)
+    ASSERT_EQ(store.insert(AnchorFact<G>{{author, k}, k == 0 ? ChainState<G>{} : state}), Insertion::inserted);
+  std::map<Decoding, int> seen;
+  std::map<Insertion, int> taken;
+  for (int run = 0; run < 20000; ++run) {
+    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
+    spoilt.copy(&good);
+    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Guarded<v1::AbsoluteFix> received;
+    ASSERT_TRUE(type.deserialize(&spoilt, &received));
+    ASSERT_EQ(received.decoding, scan_payload<v1::AbsoluteFix>(spoilt.data, spoilt.length));
+    ++seen[received.decoding];
+    Message<G> message;
+    if (received.decoding != Decoding::ok || from_wire(received.sample, message) != WireStatus::ok) continue;
+    auto& got = std::get<AbsoluteFixFact<G>>(message.payload);
+    if (got.key == fact.key) got.key.index = static_cast<std::uint32_t>(run);
+    ++taken[store.insert(got)];
+  }
+  for (const Decoding decoding : {Decoding::ok, Decoding::undecodable, Decoding::hostile}) EXPECT_GT(seen[decoding], 0);
+  for (const Insertion result : {Insertion::inserted, Insertion::not_covariance, Insertion::out_of_range})
+    EXPECT_GT(taken[result], 0) << to_string(result);
+  const auto global = build_global_map(store, SelectionParams{}, SparseMap<G>());
+  EXPECT_FALSE(global.selection.fixes.empty());
+  for (const G& pose : global.map->poses()) {
+    EXPECT_TRUE(pose.translation().allFinite());
+    EXPECT_TRUE(pose.rotation().allFinite());
+  }
+}
+
+TEST(WireScan, SpoiltFixesAreDecodedOrRefusedAndDoAMapNoHarm) {
+  ChainState<SE2> state{100.0, 50.0, SE2(40.0, 10.0, 0.5)};
+  state.drift = 0.1 * SE2::Covariance::Identity();
+  expect_spoilt_fixes_do_no_harm<SE2>(state);
+}
+
+TEST(WireScan, SpoiltFixesInSpaceAreDecodedOrRefusedAndDoAMapNoHarm) {
+  ChainState<SE3> state{100.0, 50.0, SE3({1.0, 0.0, 0.0, 0.0}, {40.0, 10.0, 0.5})};
+  state.drift = 0.1 * SE3::Covariance::Identity();
+  expect_spoilt_fixes_do_no_harm<SE3>(state);
 }
 
 }  // namespace

@@ -213,7 +213,7 @@ TEST(MapOrders, AmountToTheMapsOfRebuilds) {
     EXPECT_EQ(manager.map().facts, manager.store().digest());
     if (maps % 8 == 0) {
       EXPECT_EQ(manager.map().map->digest(),
-                build_global_map(manager.store(), SelectionParams{}, SparseMap<SE2>()).map->digest());
+                build_global_map(manager.store(), options.submaps.selection, SparseMap<SE2>()).map->digest());
     }
   }
   EXPECT_GT(maps, 10U);
