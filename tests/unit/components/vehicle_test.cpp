@@ -105,6 +105,28 @@ TEST_F(VehicleTest, AbsoluteFixesBecomeFactsAndUnfitOnesAreCounted) {
   EXPECT_EQ(vehicle().snapshot().submaps.facts_published, published + 1);
 }
 
+/// Knows where it is by landmarks that it has exported.
+class RemembersWhatHasLeft final : public FrontEnd<SE2> {
+ public:
+  FrontEndState<SE2> state() const override { return {10.0, 5.0, SE2(1.0, 0.0, 0.0)}; }
+  FrontEndState<SE2> exportable_state() const override { return {10.0, 5.0, SE2(3.5, 0.0, 0.0)}; }
+  std::vector<Segment<SE2>> take_segments() override { return {}; }
+};
+
+TEST_F(VehicleTest, AnAbsoluteFixIsStatedByWhatFactsMayUse) {
+  RemembersWhatHasLeft slam;
+  Vehicle<SE2> vehicle(params_, slam, [this] { return network_.join(); }, clock_s);
+  vehicle.configure();
+  ASSERT_TRUE(vehicle.feed_absolute_fix({0.0, 0.0}, {1.0, 2.0}, SE2::PointCovariance::Identity()));
+  vehicle.inspect([](SubmapManager<SE2>& manager, FrontEndComponent<SE2>& front_end) {
+    const ChainState<SE2>& stated = manager.store().chains().at(manager.self()).absolute_fixes.at(0).state;
+    EXPECT_EQ(stated.stamp_s, 10.0);
+    EXPECT_EQ(stated.pose.translation().x(), 2.5);
+    EXPECT_EQ(front_end.state().stamp_s, 10.0);
+    EXPECT_EQ(front_end.state().pose.translation().x(), 0.0);
+  });
+}
+
 TEST_F(VehicleTest, CallsInTheWrongStateThrowAndChangeNothing) {
   auto& v = vehicle();
   EXPECT_EQ(v.state(), State::unconfigured);
