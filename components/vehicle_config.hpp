@@ -28,9 +28,9 @@ struct SensorLogConfig {
   /// (east_m, north_m, sigma_m: of an antenna, by GPS or the like)
   std::filesystem::path file;
   double rate = 1.0;            ///< replay speed, > 0; 1 is real time
+  double start_unix_s = 0.0;    ///< wall time of t_s = 0; 0: when the process starts
   double fix_lever_x_m = 0.0;   ///< the antenna, ahead of the origin of the body frame [m]
   double fix_lever_y_m = 0.0;   ///< and to its left [m]
-  double start_unix_s = 0.0;    ///< wall time of t_s = 0; 0: when the process starts
 };
 
 struct VehicleConfig {

@@ -185,6 +185,10 @@ TEST(MapOrders, AmountToTheMapsOfRebuilds) {
   SubmapManager<SE2>& manager = members.front()->manager;
   MapWorker<SE2> worker(options.submaps, manager.backend());
   std::vector<std::size_t> closed(members.size(), 1);  // the start is no closing
+  // One that is held before the first order.
+  ASSERT_TRUE(manager.publish_absolute_fix(members.front()->front_end_component.exportable_state(), SE2::Point::Zero(),
+                                           members.front()->script.front().truth.translation(),
+                                           SE2::PointCovariance::Identity()));
   std::size_t handed_over = 0, maps = 0;
   std::optional<BuiltMap<SE2>> first;
   double now_s = 0.0;
