@@ -324,8 +324,10 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
 
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
   above_zero(c.sensors.rate, "sensors", "rate");
-  demand(std::abs(c.sensors.fix_lever_x_m) <= 100.0, "sensors", "fix_lever_x_m", "lie in -100..100 m: the antenna is on the vehicle");
-  demand(std::abs(c.sensors.fix_lever_y_m) <= 100.0, "sensors", "fix_lever_y_m", "lie in -100..100 m: the antenna is on the vehicle");
+  demand(std::abs(c.sensors.fix_lever_x_m) <= 100.0, "sensors", "fix_lever_x_m",
+         "lie in -100..100 m: the antenna is on the vehicle");
+  demand(std::abs(c.sensors.fix_lever_y_m) <= 100.0, "sensors", "fix_lever_y_m",
+         "lie in -100..100 m: the antenna is on the vehicle");
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
 
   above_zero(v.submaps.map_period_s, "map", "period_s");

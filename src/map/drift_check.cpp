@@ -88,14 +88,13 @@ std::set<ChainId> DriftCheck<G>::alarms(const FactStore<G>& store, const Selecti
     ContentHash hash;
     for (const Hypothesis<G>* h : list) hash.add(h->id);
     const auto [it, fresh] = judged_.try_emplace(chain, hash.value(), false);
-    if (fresh || it->second.first != hash.value())
-      it->second = {hash.value(), closures.correlation(list).alarm()};
+    if (fresh || it->second.first != hash.value()) it->second = {hash.value(), closures.correlation(list).alarm()};
     if (it->second.second) result.insert(chain);
   }
   return result;
 }
 
-#define CONVOY_INSTANTIATE(G) \
+#define CONVOY_INSTANTIATE(G)                                                                             \
   template Lag1 drift_correlation(const FactStore<G>&, const Selection<G>&, const ChainId&, std::size_t); \
   template class DriftCheck<G>;
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)

@@ -1,4 +1,5 @@
-// Is the drift of a vehicle the white noise it is taken for? Judged by its accepted closures, before fusing (DESIGN B6).
+// Is the drift of a vehicle the white noise it is taken for? Judged by its accepted closures, before fusing (DESIGN
+// B6).
 #pragma once
 
 #include <convoy/drift/calibration.hpp>

@@ -27,8 +27,8 @@ Pose after(double t_s) {
 }
 
 Pose compose(const Pose& a, const Pose& b) {
-  return {a.x + std::cos(a.theta) * b.x - std::sin(a.theta) * b.y, a.y + std::sin(a.theta) * b.x + std::cos(a.theta) * b.y,
-          a.theta + b.theta};
+  return {a.x + std::cos(a.theta) * b.x - std::sin(a.theta) * b.y,
+          a.y + std::sin(a.theta) * b.x + std::cos(a.theta) * b.y, a.theta + b.theta};
 }
 
 // Half a minute; a fix every second, one of them gross, the times between those of the odometry.
@@ -43,14 +43,14 @@ fs::path vehicle_with_receiver(const fs::path& folder, const std::string& elemen
     const double t_s = 0.2 * i + 0.13;
     const Pose antenna = compose(compose({datum_x_m, datum_y_m, datum_rad}, after(t_s)), {lever_x_m, lever_y_m, 0.0});
     const double gross_m = i == 75 ? 80.0 : 0.0;
-    sensors << t_s << ",fix," << antenna.x + 0.2 * std::sin(3.0 * i) << ',' << antenna.y + 0.2 * std::cos(5.0 * i) + gross_m
-            << ",0.2\n";
+    sensors << t_s << ",fix," << antenna.x + 0.2 * std::sin(3.0 * i) << ','
+            << antenna.y + 0.2 * std::cos(5.0 * i) + gross_m << ",0.2\n";
   }
   std::ofstream(folder / "c.xml")
       << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <dds domain=\"" << 5 + getpid() % 14
-      << "\" profile=\"" CONVOY_SOURCE_FOLDER "/qos_profiles/loopback.xml\"/>\n" << elements
-      << "  <sensors file=\"sensors.csv\" rate=\"8\" fix_lever_x_m=\"" << lever_x_m << "\" fix_lever_y_m=\"" << lever_y_m
-      << "\"/>\n</convoy>\n";
+      << "\" profile=\"" CONVOY_SOURCE_FOLDER "/qos_profiles/loopback.xml\"/>\n"
+      << elements << "  <sensors file=\"sensors.csv\" rate=\"8\" fix_lever_x_m=\"" << lever_x_m << "\" fix_lever_y_m=\""
+      << lever_y_m << "\"/>\n</convoy>\n";
   return folder / "c.xml";
 }
 
@@ -62,8 +62,9 @@ int used(const json& fixes) {
 
 TEST(AbsoluteFixes, OfASensorLogSayWhereTheCommonFrameIs) {
   const ScratchFolder scratch;
-  const fs::path config = vehicle_with_receiver(
-      scratch / "v", "  <static_bias sigma_x_m=\"0.01\" sigma_y_m=\"0.01\" sigma_theta_rad=\"0.001\"/>\n  <map fix_correlation_s=\"0.5\"/>\n");
+  const fs::path config = vehicle_with_receiver(scratch / "v",
+                                                "  <static_bias sigma_x_m=\"0.01\" sigma_y_m=\"0.01\" "
+                                                "sigma_theta_rad=\"0.001\"/>\n  <map fix_correlation_s=\"0.5\"/>\n");
   const Outcome outcome = run_convoy("vehicle --until-end " + config.string());
   ASSERT_EQ(outcome.status, 0) << outcome.output;
   const json absolute = read_json(scratch / "v/map.json")["absolute"];
@@ -79,7 +80,8 @@ TEST(AbsoluteFixes, OfASensorLogSayWhereTheCommonFrameIs) {
 
 TEST(AbsoluteFixes, AlignAVehicleThatDoesNotKnowItsStartWhereTheCommonFrameIsEastNorth) {
   const ScratchFolder scratch;
-  const fs::path config = vehicle_with_receiver(scratch / "v", "  <map common_frame_is_enu=\"true\" fix_correlation_s=\"1.5\"/>\n");
+  const fs::path config =
+      vehicle_with_receiver(scratch / "v", "  <map common_frame_is_enu=\"true\" fix_correlation_s=\"1.5\"/>\n");
   const Outcome outcome = run_convoy("vehicle --until-end " + config.string());
   ASSERT_EQ(outcome.status, 0) << outcome.output;
   const json map = read_json(scratch / "v/map.json"), summary = read_json(scratch / "v/summary.json");
