@@ -21,6 +21,7 @@ FrontEndComponent<G>::FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>
                                         double live_period_s)
     : front_end_(front_end), manager_(manager), start_(front_end.state()), params_(drift), live_period_s_(live_period_s), drift_(drift),
       drift_at_anchor_(drift) {
+  state_.stamp_s = start_.stamp_s;
   front_end_.take_segments();  // what converged before this chain began belongs to no anchor of it
 }
 
@@ -41,6 +42,12 @@ void FrontEndComponent<G>::poll() {
     live_s_ = state_.stamp_s;
     manager_.publish_live(state_);
   }
+}
+
+template <class G>
+ChainState<G> FrontEndComponent<G>::exportable_state() const {
+  DriftAccumulator<G> here = drift_;
+  return advance(here, since_start(front_end_.exportable_state()));
 }
 
 template <class G>

@@ -31,6 +31,8 @@ class FrontEndComponent {
   /// corrected trajectory. One per metre or so.
   const std::vector<ChainState<G>>& trail() const { return trail_; }
   const ChainState<G>& state() const { return state_; }
+  /// The same for facts: without what the SLAM knows by landmarks it has exported (FrontEnd::exportable_state).
+  ChainState<G> exportable_state() const;
   std::uint64_t landmarks_exported() const { return landmarks_exported_; }
 
  private:

@@ -6,6 +6,7 @@
 #include <convoy/map/sparse_map.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <type_traits>
 #include <utility>
 
@@ -136,6 +137,28 @@ void SubmapManager<G>::publish_verdict(Hash hypothesis, bool veto) {
 }
 
 template <class G>
+bool SubmapManager<G>::publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever,
+                                            const typename G::Point& position,
+                                            const typename G::PointCovariance& covariance) {
+  auto& next = next_index_[static_cast<std::size_t>(FactKind::absolute_fix)];
+  const std::uint32_t anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
+  const AbsoluteFixFact<G> fact{{self_, next}, anchor, state, lever, position, covariance};
+  if (store_.check(fact) != Insertion::inserted) {
+    ++counters_.facts_unfit;
+    return false;
+  }
+  if (fix_s_ && std::abs(state.stamp_s - *fix_s_) < params_.selection.fix_correlation_s) {
+    ++counters_.fixes_thinned;
+    return true;
+  }
+  fix_s_ = state.stamp_s;
+  ++next;
+  publish(fact);
+  send(fact);
+  return true;
+}
+
+template <class G>
 void SubmapManager<G>::publish_live(const ChainState<G>& state) {
   live_ = state;
   LivePose<G> pose;
@@ -180,6 +203,8 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
           take_in(FactKind::association, payload);
         } else if constexpr (std::is_same_v<P, VerdictFact>) {
           take_in(FactKind::verdict, payload);
+        } else if constexpr (std::is_same_v<P, AbsoluteFixFact<G>>) {
+          take_in(FactKind::absolute_fix, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
           const bool fit = store_.check(AnchorFact<G>{{payload.chain, 1}, payload.state}) == Insertion::inserted;
           counters_.live_unfit += !fit;
@@ -265,6 +290,7 @@ std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
     add_all(chain.priors);
     add_all(chain.associations);
     add_all(chain.verdicts);
+    add_all(chain.absolute_fixes);
   }
   return order;
 }
@@ -288,6 +314,7 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
     for (const ChainMark& mark : it->second.marks)
       if (mark.count != mark.high_water) reasons |= reason_missing_facts;
   }
+  if (map_.drift_alarms.count(chain) != 0) reasons |= reason_drift;
   if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0) reasons |= reason_impersonated;
   if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
     reasons |= peer->second.live->reasons & reason_impersonated;  // nobody but the vehicle itself can know

@@ -45,6 +45,7 @@ struct SubmapManagerCounters {
   std::uint64_t facts_published = 0;
   std::uint64_t facts_received = 0;      ///< taken in from others
   std::uint64_t facts_unfit = 0;         ///< of this vehicle's own making, and left out
+  std::uint64_t fixes_thinned = 0;       ///< absolute fixes within the correlation time of one published: not needed
   std::uint64_t live_unfit = 0;          ///< live poses that were not finite or beyond the limits
   std::uint64_t unknown_senders = 0;     ///< messages of vehicles that are not on the roster
   std::uint64_t facts_impersonated = 0;  ///< claimed to be this vehicle's own, and were not: refused
@@ -56,7 +57,8 @@ struct SubmapManagerCounters {
 };
 
 template <class G>
-using AnyFact = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact>;
+using AnyFact =
+    std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact, AbsoluteFixFact<G>>;
 
 /// What it takes to build a map elsewhere.
 template <class G>
@@ -93,6 +95,11 @@ class SubmapManager {
   /// False if the same hypothesis is already held, or if there is none.
   bool publish_association(std::vector<Pairing> pairings);
   void publish_verdict(Hash hypothesis, bool veto);
+  /// A receiver of absolute positions said where its antenna (`lever`, body frame) was when the SLAM was at `state`:
+  /// `position`, east-north(-up) of the fleet's datum [m], `covariance` [m^2]. Call after open_chain(). False if it is not
+  /// fit to be a fact. One that the map would not take beside the last one (`fix_correlation_s`) is not sent, and counted.
+  bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever, const typename G::Point& position,
+                            const typename G::PointCovariance& covariance);
   /// Where this vehicle is now. Not a fact: only the last one counts.
   void publish_live(const ChainState<G>& state);
 
@@ -150,6 +157,7 @@ class SubmapManager {
   double map_s_ = -1e300, digest_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};
   std::optional<ChainState<G>> live_;
+  std::optional<double> fix_s_;  // stamp of the last absolute fix published
   std::map<ChainId, Peer> peers_;
   SubmapManagerCounters counters_;
 };

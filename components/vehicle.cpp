@@ -119,6 +119,14 @@ bool Vehicle<G>::feed(const std::function<void()>& input) {
 }
 
 template <class G>
+bool Vehicle<G>::feed_absolute_fix(const typename G::Point& lever, const typename G::Point& position,
+                                   const typename G::PointCovariance& covariance) {
+  const std::lock_guard lock(mutex_);
+  if (state_ == State::unconfigured) return false;
+  return manager_->publish_absolute_fix(front_end_component_->exportable_state(), lever, position, covariance);
+}
+
+template <class G>
 VehicleSnapshot<G> Vehicle<G>::snapshot() {
   const std::lock_guard lock(mutex_);
   if (!manager_) throw ConfigError("vehicle: snapshot() needs a configured vehicle");

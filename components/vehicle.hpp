@@ -86,6 +86,13 @@ class Vehicle {
   /// Refused (false) while unconfigured.
   bool feed(const std::function<void()>& input);
 
+  /// A receiver of absolute positions said where its antenna (`lever`, body frame [m]) is now: `position`, east-north(-up)
+  /// of the fleet's datum [m], `covariance` [m^2]. From any thread, after the sensor input of the same moment. Refused
+  /// (false) while unconfigured, or if it is not fit to be a fact (not finite, no covariance). Any rate will do: one per
+  /// SelectionParams::fix_correlation_s is sent.
+  bool feed_absolute_fix(const typename G::Point& lever, const typename G::Point& position,
+                         const typename G::PointCovariance& covariance);
+
   /// Throws ConfigError while unconfigured.
   VehicleSnapshot<G> snapshot();
 

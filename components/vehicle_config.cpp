@@ -99,6 +99,11 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("map", "map_residual", s.selection.map_residual);
   visit("map", "max_runner_up_share", s.selection.max_runner_up_share);
   visit("map", "min_confirmed", s.selection.min_confirmed);
+  visit("map", "scale_slack", s.selection.slack.scale);
+  visit("map", "heading_slack_rad_per_m", s.selection.slack.heading_rad_per_m);
+  visit("map", "fix_correlation_s", s.selection.fix_correlation_s);
+  visit("map", "fix_residual", s.selection.fix_residual);
+  visit("map", "common_frame_is_enu", s.selection.common_frame_is_enu);
   visit("map", "reference_vehicle", s.selection.reference);
   visit("map", "stale_peer_s", s.stale_peer_s);
 
@@ -115,6 +120,8 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("sensors", "file", c.sensors.file);
   visit("sensors", "rate", c.sensors.rate);
   visit("sensors", "start_unix_s", c.sensors.start_unix_s);
+  visit("sensors", "fix_lever_x_m", c.sensors.fix_lever_x_m);
+  visit("sensors", "fix_lever_y_m", c.sensors.fix_lever_y_m);
 }
 
 struct StaticBias {
@@ -324,6 +331,10 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
   demand(c.dds.max_queued_messages >= 1, "dds", "max_queued_messages", "be 1 or more");
   above_zero(c.sensors.rate, "sensors", "rate");
+  demand(std::abs(c.sensors.fix_lever_x_m) <= 100.0, "sensors", "fix_lever_x_m",
+         "lie in -100..100 m: the antenna is on the vehicle");
+  demand(std::abs(c.sensors.fix_lever_y_m) <= 100.0, "sensors", "fix_lever_y_m",
+         "lie in -100..100 m: the antenna is on the vehicle");
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
 
   above_zero(v.submaps.map_period_s, "map", "period_s");
@@ -334,6 +345,12 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(v.submaps.selection.max_runner_up_share > 0.0 && v.submaps.selection.max_runner_up_share <= 1.0, "map",
          "max_runner_up_share", "lie in (0, 1]");
   demand(v.submaps.selection.min_confirmed >= 1, "map", "min_confirmed", "be 1 or more; 1 trusts the first association");
+  demand(v.submaps.selection.slack.scale >= 0.0, "map", "scale_slack", "be >= 0");
+  demand(v.submaps.selection.slack.heading_rad_per_m >= 0.0, "map", "heading_slack_rad_per_m", "be >= 0");
+  confidence(v.submaps.selection.fix_residual, "map", "fix_residual");
+  demand(v.submaps.selection.fix_correlation_s >= 0.0, "map", "fix_correlation_s", "be >= 0");
+  demand(!v.submaps.selection.common_frame_is_enu || v.submaps.backend == MapBackend::sparse, "map", "common_frame_is_enu",
+         "be false beside backend=\"ekf\", which takes no absolute fixes");
   const VehicleId reference = v.submaps.selection.reference;
   demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle", "be on the roster, or 0");
 

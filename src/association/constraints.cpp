@@ -9,11 +9,40 @@
 namespace convoy {
 namespace {
 
+// Effect of a wrong scale and of a turning gyro on the end of a motion, right perturbation (A_k of DESIGN B1.3).
+template <class G>
+typename G::Covariance slack_covariance(const G& motion, double length_m, const DriftSlack& slack) {
+  constexpr int Rot = G::Dof - G::Dim;
+  const typename G::Point t = motion.rotation().transpose() * motion.translation();
+  typename G::Tangent by_scale = G::Tangent::Zero();
+  by_scale.template head<G::Dim>() = slack.scale * t;
+  typename G::Covariance C = by_scale * by_scale.transpose();
+  for (int axis = 0; axis < Rot; ++axis) {
+    typename G::Tangent by_heading = G::Tangent::Zero();
+    by_heading[G::Dim + axis] = slack.heading_rad_per_m * length_m;
+    if constexpr (G::Dim == 2) {
+      by_heading.template head<2>() << -t.y(), t.x();
+    } else {
+      by_heading.template head<3>() = Eigen::Vector3d::Unit(axis).cross(t);
+    }
+    by_heading.template head<G::Dim>() *= 0.5 * slack.heading_rad_per_m * length_m;
+    C += by_heading * by_heading.transpose();
+  }
+  return C;
+}
+
+template <class G>
+Increment<G> slack_increment(const ChainState<G>& a, const ChainState<G>& b, const DriftSlack& slack) {
+  Increment<G> drift = increment(a, b);
+  drift.covariance += slack_covariance(drift.motion, b.abscissa_m - a.abscissa_m, slack);
+  return drift;
+}
+
 // Pose of an anchor in the common frame from its static bias and the drift since the start.
 template <class G>
-RelativePrior<G> absolute_prior(const FactStore<G>& store, const Key& anchor) {
+RelativePrior<G> absolute_prior(const FactStore<G>& store, const Key& anchor, const DriftSlack& slack) {
   const PriorFact<G>& prior = *store.prior(anchor.chain);
-  const Increment<G> drift = increment({}, store.anchor(anchor)->state);
+  const Increment<G> drift = slack_increment({}, store.anchor(anchor)->state, slack);
   const typename G::Adjoint Ad = drift.motion.inverse().adjoint();
   return {prior.mean * drift.motion, Ad * prior.covariance * Ad.transpose() + drift.covariance};
 }
@@ -30,17 +59,18 @@ bool complete(const FactStore<G>& store, const Key& anchor) {
 }
 
 template <class G>
-std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const Key& a, const Key& b) {
+std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const Key& a, const Key& b,
+                                               const DriftSlack& slack) {
   if (a.chain == b.chain) {
     const bool forward = a.index <= b.index;
     const Increment<G> drift =
-        increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state);
+        slack_increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state, slack);
     if (forward) return RelativePrior<G>{drift.motion, drift.covariance};
     const typename G::Adjoint Ad = drift.motion.adjoint();  // (U Exp(e))^-1 = U^-1 Exp(-Ad_U e)
     return RelativePrior<G>{drift.motion.inverse(), Ad * drift.covariance * Ad.transpose()};
   }
   if (!store.prior(a.chain)->known || !store.prior(b.chain)->known) return std::nullopt;
-  const RelativePrior<G> pa = absolute_prior(store, a), pb = absolute_prior(store, b);
+  const RelativePrior<G> pa = absolute_prior(store, a, slack), pb = absolute_prior(store, b, slack);
   const G T_a_b = pa.mean.inverse() * pb.mean;
   const typename G::Adjoint Ad = T_a_b.inverse().adjoint();
   return RelativePrior<G>{T_a_b, symmetrised(Ad * pa.covariance * Ad.transpose() + pb.covariance)};
@@ -100,7 +130,8 @@ bool DistanceCompatibility::operator()(int i1, int j1, int i2, int j2) const {
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                                  \
-  template std::optional<RelativePrior<G>> relative_prior(const FactStore<G>&, const Key&, const Key&);        \
+  template std::optional<RelativePrior<G>> relative_prior(const FactStore<G>&, const Key&, const Key&,         \
+                                                           const DriftSlack&);                                 \
   template bool complete(const FactStore<G>&, const Key&);                                                     \
   template Batch<G> batch_of(const FactStore<G>&, const Key&);                                                 \
   template class IndividualCompatibility<G>;                                                                   \

@@ -33,10 +33,18 @@ struct RelativePrior {
   typename G::Covariance covariance = G::Covariance::Zero();
 };
 
+/// Standard deviations of persistent errors that the drift of an anchor does not state (DESIGN B1.3), for tests that must
+/// not take them for a false association.
+struct DriftSlack {
+  double scale = 0.0;                ///< of the odometer
+  double heading_rad_per_m = 0.0;    ///< of the gyro, per metre driven; in space about every axis
+};
+
 /// What the facts of the two chains say about T_a_b before any association: the drift chain within one chain, both
 /// static biases and both drift chains between two; nothing if a start is unknown. All needed facts must be held.
 template <class G>
-std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const Key& anchor_a, const Key& anchor_b);
+std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const Key& anchor_a, const Key& anchor_b,
+                                               const DriftSlack& slack = {});
 
 /// True if all facts that an association of this batch depends on are held: its anchor, every landmark of it, and the
 /// static bias of its chain. Before that, nobody may associate it: the result would depend on what came first.

@@ -213,7 +213,9 @@ class Demo {
       c.dds.profile_file = "../profile.xml";
       c.impairment = impairment_;
       c.impairment.seed += log.id;
-      c.sensors = {"sensors.csv", options_.rate, start_unix_s_};
+      c.sensors.file = "sensors.csv";
+      c.sensors.rate = options_.rate;
+      c.sensors.start_unix_s = start_unix_s_;
       scenario_.name == "mrclam" ? tune_for_mrclam(c) : tune_for_street(c);
       if (options_.literal) use_paper_method(c);
       Member member;

@@ -8,6 +8,7 @@
 
 #include <fstream>
 #include <map>
+#include <set>
 
 #include "evaluate/run_folder.hpp"
 #include "scenario/table_file.hpp"
@@ -57,6 +58,18 @@ void append_state(std::string& row, const ChainState<SE2>& slam, const std::opti
   }
 }
 
+// Absolute fixes held: which are used, and where the common frame is by them.
+json absolute_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) {
+  json out = {{"datum", nullptr}, {"fixes", json::array()}};  // datum: T_enu_common
+  if (const auto datum = global.map->datum()) out["datum"] = {{"pose", pose_of(datum->mean)}, {"cov", upper(datum->covariance)}};
+  std::set<Key> used;
+  for (const auto& f : global.map->problem().fixes) used.insert(f.fix);
+  for (const auto& [id, chain] : store.chains())
+    for (const auto& [index, fix] : chain.absolute_fixes)
+      out["fixes"].push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"used", used.count(fix.key) > 0}});
+  return out;
+}
+
 json map_json(const SubmapManager<SE2>& manager) {
   const FactStore<SE2>& store = manager.store();
   const GlobalMap<SE2>& global = manager.map();
@@ -68,6 +81,7 @@ json map_json(const SubmapManager<SE2>& manager) {
   out["solve"] = {{"iterations", report.iterations}, {"converged", report.converged}, {"chi2", report.chi2},
                   {"dof", report.dof}, {"nodes", global.map->problem().nodes.size()},
                   {"classes", global.selection.classes.size()}};
+  out["absolute"] = absolute_json(store, global);
   std::map<Key, int> class_of;
   for (std::size_t c = 0; c < global.selection.classes.size(); ++c)
     for (const Key& key : global.selection.classes[c]) class_of[key] = static_cast<int>(c);
@@ -145,6 +159,11 @@ std::string facts_lines(const FactStore<SE2>& store) {
       for (const auto& [a, b] : f.pairings) pairings.push_back({key_of(a), key_of(b)});
       line("association", f.key, {{"hypothesis", hex(hypothesis_id(f.pairings))}, {"pairings", pairings}});
     }
+    for (const auto& [i, f] : chain.absolute_fixes)
+      line("absolute_fix", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
+                                   {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
+                                   {"lever", {f.lever.x(), f.lever.y()}},
+                                   {"position", {f.position.x(), f.position.y()}}, {"covariance", upper(f.covariance)}});
     for (const auto& [i, f] : chain.verdicts)
       line("verdict", f.key, {{"hypothesis", hex(f.hypothesis)}, {"veto", f.veto}});
   }
@@ -156,6 +175,7 @@ json counters_json(const VehicleSnapshot<SE2>& s) {
   c["facts_published"] = s.submaps.facts_published;
   c["facts_received"] = s.submaps.facts_received;
   c["facts_unfit"] = s.submaps.facts_unfit;
+  c["fixes_thinned"] = s.submaps.fixes_thinned;
   c["live_unfit"] = s.submaps.live_unfit;
   c["unknown_senders"] = s.submaps.unknown_senders;
   c["facts_impersonated"] = s.submaps.facts_impersonated;

@@ -27,7 +27,8 @@ double unix_now_s() {
 // Replays a sensor log on the clock.
 class LogReplay {
  public:
-  LogReplay(const std::vector<SensorEvent>& events, double from_s) : events_(events) {
+  LogReplay(const std::vector<SensorEvent>& events, const Eigen::Vector2d& antenna, double from_s)
+      : events_(events), antenna_(antenna) {
     while (next_ < events_.size() && events_[next_].t_s < from_s) ++next_;  // a late starter missed these
     if (next_ > 0) spdlog::info("starting {:.1f} s into the sensor log: {} readings are past", from_s, next_);
   }
@@ -38,8 +39,11 @@ class LogReplay {
       const SensorEvent& e = events_[next_];
       vehicle.feed([&] {
         if (e.kind == SensorEvent::Kind::odometry) slam.on_odometry(e.t_s, e.v_m_s, e.omega_rad_s);
-        else slam.on_sighting(e.t_s, e.track, e.range_m, e.bearing_rad);
+        else if (e.kind == SensorEvent::Kind::sighting) slam.on_sighting(e.t_s, e.track, e.range_m, e.bearing_rad);
+        else slam.on_time(e.t_s);
       });
+      if (e.kind == SensorEvent::Kind::fix)  // one that is not fit to be a fact is counted there
+        (void)vehicle.feed_absolute_fix(antenna_, {e.east_m, e.north_m}, square(e.sigma_m) * Eigen::Matrix2d::Identity());
     }
     if (exhausted() && !finished_) {
       finished_ = true;
@@ -48,7 +52,10 @@ class LogReplay {
   }
 
  private:
+  static double square(double x) { return x * x; }
+
   const std::vector<SensorEvent>& events_;
+  Eigen::Vector2d antenna_;  // body frame [m]
   std::size_t next_ = 0;
   bool finished_ = false;
 };
@@ -100,7 +107,8 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
       }
   };
 
-  LogReplay replay(events, starts_now ? events.front().t_s : clock());
+  LogReplay replay(events, {config.sensors.fix_lever_x_m, config.sensors.fix_lever_y_m},
+                   starts_now ? events.front().t_s : clock());
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
   while (!stop_requested && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
     const double now_s = clock();

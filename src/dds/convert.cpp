@@ -65,6 +65,13 @@ WireStatus unpack(const std::vector<double>& in, Matrix& P) {
   return WireStatus::ok;
 }
 
+template <class Point>
+WireStatus from_wire_vector(const std::vector<double>& in, Point& point) {
+  if (in.size() != static_cast<std::size_t>(point.size())) return WireStatus::wrong_size;
+  std::copy(in.begin(), in.end(), point.data());
+  return point.allFinite() ? WireStatus::ok : WireStatus::not_finite;
+}
+
 v1::Chain wire_chain(const ChainId& chain) {
   v1::Chain out;
   out.epoch(chain.epoch);
@@ -126,7 +133,8 @@ WireStatus from_wire_state(const v1::ChainState& in, ChainState<G>& state) {
 }
 
 // The core's enums and the wire's have the same numbers.
-static_assert(v1::KIND_VERDICT == static_cast<std::uint32_t>(FactKind::verdict));
+static_assert(v1::KIND_ABSOLUTE_FIX == static_cast<std::uint32_t>(FactKind::absolute_fix));
+static_assert(fact_kind_count == static_cast<int>(bounds::kinds));
 static_assert(v1::INTEGRITY_SUSPECT == static_cast<std::uint32_t>(Integrity::suspect));
 static_assert(v1::DESCRIPTOR_PATCH_8X8_4BIT == static_cast<std::uint32_t>(Descriptor::Kind::patch_8x8_4bit));
 
@@ -173,10 +181,8 @@ WireStatus from_wire_loading(const std::vector<double>& in, typename G::Loading&
 template <class G>
 WireStatus from_wire_point(const v1::LandmarkPoint& point, LandmarkFact<G>& fact) {
   fact.key.index = point.index();
-  if (point.position().size() != static_cast<std::size_t>(G::Dim)) return WireStatus::wrong_size;
-  std::copy(point.position().begin(), point.position().end(), fact.position.data());
-  if (!fact.position.allFinite()) return WireStatus::not_finite;
-  return first_refusal(unpack(point.covariance(), fact.covariance), from_wire_loading<G>(point.loading(), fact.loading),
+  return first_refusal(from_wire_vector(point.position(), fact.position), unpack(point.covariance(), fact.covariance),
+                       from_wire_loading<G>(point.loading(), fact.loading),
                        from_wire_descriptor(point, fact.descriptor));
 }
 
@@ -374,6 +380,32 @@ WireStatus from_wire(const v1::Verdict& sample, Message<G>& message) {
   return first_refusal(check_names(sample), check_dimension<G>(sample));
 }
 
+// ---- absolute fixes --------------------------------------------------------------------------------------------
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, const AbsoluteFixFact<G>& fact, v1::AbsoluteFix& sample) {
+  set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
+  sample.anchor(fact.anchor);
+  sample.lever().assign(fact.lever.data(), fact.lever.data() + fact.lever.size());
+  sample.position().assign(fact.position.data(), fact.position.data() + fact.position.size());
+  return first_refusal(to_wire_state(fact.state, sample.state()), pack(fact.covariance, sample.covariance()));
+}
+
+template <class G>
+WireStatus from_wire(const v1::AbsoluteFix& sample, Message<G>& message) {
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  AbsoluteFixFact<G> fact;
+  fact.key = {author(sample), sample.index()};
+  fact.anchor = sample.anchor();
+  const WireStatus content =
+      first_refusal(from_wire_state(sample.state(), fact.state), from_wire_vector(sample.lever(), fact.lever),
+                    from_wire_vector(sample.position(), fact.position), unpack(sample.covariance(), fact.covariance));
+  message = {core_chain(sample.sender()), std::move(fact)};
+  return content;
+}
+
 // ---- live poses ------------------------------------------------------------------------------------------------
 
 template <class G>
@@ -429,7 +461,7 @@ WireStatus from_wire(const v1::Request& sample, Message<G>& message) {
     if (range.first() >= range.end()) return WireStatus::out_of_range;
     request.ranges.push_back({range.first(), range.end()});
   }
-  const WireStatus status = convert_enum(sample.kind(), v1::KIND_VERDICT, request.kind);
+  const WireStatus status = convert_enum(sample.kind(), v1::KIND_ABSOLUTE_FIX, request.kind);
   message = {author(sample), std::move(request)};
   return status;
 }
@@ -497,6 +529,7 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   template WireStatus to_wire<G>(const ChainId&, const AnchorFact<G>&, v1::Bias&);                  \
   template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&);  \
   template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                  \
+  template WireStatus to_wire<G>(const ChainId&, const AbsoluteFixFact<G>&, v1::AbsoluteFix&);      \
   template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                    \
   template WireStatus to_wire<G>(const ChainId&, const AssociationFact&, v1::Association&);           \
   template WireStatus to_wire<G>(const ChainId&, const VerdictFact&, v1::Verdict&);                   \
@@ -507,6 +540,7 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   template WireStatus from_wire<G>(const v1::Prior&, Message<G>&);                                  \
   template WireStatus from_wire<G>(const v1::Association&, Message<G>&);                            \
   template WireStatus from_wire<G>(const v1::Verdict&, Message<G>&);                                \
+  template WireStatus from_wire<G>(const v1::AbsoluteFix&, Message<G>&);                            \
   template WireStatus from_wire<G>(const v1::Pose&, Message<G>&);                                   \
   template WireStatus from_wire<G>(const v1::Request&, Message<G>&);                                \
   template WireStatus from_wire<G>(const v1::Digest&, Message<G>&);                                 \

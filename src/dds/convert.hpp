@@ -33,6 +33,8 @@ template <class G>
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const PriorFact<G>& fact, v1::Prior& sample);
 template <class G>
+[[nodiscard]] WireStatus to_wire(const ChainId& sender, const AbsoluteFixFact<G>& fact, v1::AbsoluteFix& sample);
+template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const LivePose<G>& pose, v1::Pose& sample);
 /// What follows says nothing of the group; name that of the fleet: to_wire<G>(...).
 template <class G>
@@ -56,6 +58,8 @@ template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Association& sample, Message<G>& message);
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Verdict& sample, Message<G>& message);
+template <class G>
+[[nodiscard]] WireStatus from_wire(const v1::AbsoluteFix& sample, Message<G>& message);
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Pose& sample, Message<G>& message);
 template <class G>

@@ -16,6 +16,6 @@ inline constexpr std::uint32_t pairing_groups = 64;
 inline constexpr std::uint32_t pairs = 4096;           // in one group and in all groups of an association together
 inline constexpr std::uint32_t ranges = 64;
 inline constexpr std::uint32_t chains = 256;
-inline constexpr std::uint32_t kinds = 5;
+inline constexpr std::uint32_t kinds = 6;
 
 }  // namespace convoy::dds::bounds

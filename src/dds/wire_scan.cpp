@@ -139,6 +139,18 @@ void scan(WireScan& wire, const v1::Verdict*) {
   wire.skip(1);
 }
 
+void scan(WireScan& wire, const v1::AbsoluteFix*) {
+  scan_chain(wire);
+  scan_author(wire);
+  wire.skip(4);
+  wire.skip(1);
+  wire.skip(4);
+  scan_state(wire);
+  wire.sequence(8, bounds::point);
+  wire.sequence(8, bounds::point);
+  wire.sequence(8, bounds::point_covariance);
+}
+
 void scan(WireScan& wire, const v1::Pose*) {
   scan_chain(wire);
   scan_author(wire);

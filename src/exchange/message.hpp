@@ -27,6 +27,7 @@ enum IntegrityReason : std::uint32_t {
   reason_equivocation = 1U << 3,   ///< the vehicle used a key twice with different contents
   reason_missing_facts = 1U << 4,  ///< facts are known to exist that have not arrived
   reason_impersonated = 1U << 5,   ///< somebody else has spoken in the vehicle's name: two vehicles have its id
+  reason_drift = 1U << 6,          ///< the vehicle's drift is not the white noise it is taken for (lag-1 correlation)
 };
 
 /// Landmarks frozen together, in the frame of one anchor (all of one chain, same `anchor`).
@@ -63,8 +64,8 @@ struct Digest {
 };
 
 template <class G>
-using Payload = std::variant<AnchorFact<G>, LandmarkBatch<G>, PriorFact<G>, AssociationFact, VerdictFact, LivePose<G>,
-                             Request, Digest>;
+using Payload = std::variant<AnchorFact<G>, LandmarkBatch<G>, PriorFact<G>, AssociationFact, VerdictFact,
+                             AbsoluteFixFact<G>, LivePose<G>, Request, Digest>;
 
 template <class G>
 struct Message {

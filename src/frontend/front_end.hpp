@@ -54,6 +54,9 @@ class FrontEnd {
  public:
   virtual ~FrontEnd() = default;
   virtual FrontEndState<G> state() const = 0;
+  /// The same without what no fact may use (DESIGN R5), for facts that are stated between anchors. A SLAM that knows its
+  /// present pose by landmarks it has exported must leave them out here; relative to the last anchor.
+  virtual FrontEndState<G> exportable_state() const { return state(); }
   /// Segments closed since the last call, oldest first; none closes later than state().
   virtual std::vector<Segment<G>> take_segments() = 0;
 };

@@ -81,6 +81,12 @@ bool RangeBearingEkf::on_sighting(double stamp_s, std::uint64_t track, double ra
   return used;
 }
 
+bool RangeBearingEkf::on_time(double stamp_s) {
+  if (!std::isfinite(stamp_s) || (stamp_s_ && stamp_s < *stamp_s_)) return false;
+  advance_to(stamp_s);
+  return true;
+}
+
 void RangeBearingEkf::remember(std::uint64_t id, double range_m, double bearing_rad) {
   const auto known = memory_.find(id);
   if (known && *stamp_s_ < memory_.tracks()[*known].last_s + params_.min_sighting_interval_s) return;
@@ -191,6 +197,10 @@ FrontEndState<SE2> RangeBearingEkf::state_of(double stamp_s, double abscissa_m, 
 FrontEndState<SE2> RangeBearingEkf::state() const {
   const RangeBearingFilter& live = params_.max_remembered > 0 ? memory_ : filter_;
   return state_of(stamp_s_.value_or(0.0), abscissa_m_, live.pose(), live.pose_covariance());
+}
+
+FrontEndState<SE2> RangeBearingEkf::exportable_state() const {
+  return state_of(stamp_s_.value_or(0.0), abscissa_m_, filter_.pose(), filter_.pose_covariance());
 }
 
 std::vector<Segment<SE2>> RangeBearingEkf::take_segments() { return std::exchange(segments_, {}); }

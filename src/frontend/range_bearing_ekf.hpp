@@ -75,10 +75,14 @@ class RangeBearingEkf final : public FrontEnd<SE2> {
   /// [rad, left positive]. Moves the filter to `stamp_s` first. Returns false if the sighting was not used.
   bool on_sighting(double stamp_s, std::uint64_t track, double range_m, double bearing_rad);
 
+  /// Nothing was measured, but it is `stamp_s` by now: moves the filter there. Returns false if time would run backwards.
+  bool on_time(double stamp_s);
+
   /// Closes the segment here and now, with whatever may leave: at the end of a run, or before a long stop.
   void finish() { close_segment(freezable()); }
 
   FrontEndState<SE2> state() const override;
+  FrontEndState<SE2> exportable_state() const override;
   std::vector<Segment<SE2>> take_segments() override;
   const RangeBearingEkfCounters& counters() const { return counters_; }
   std::size_t tracked() const { return filter_.tracks().size(); }

@@ -102,8 +102,9 @@ double prior_chi2(const RelativePrior<G>& prior, const HypothesisAlignment<G>& a
 }
 
 template <class G>
-double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypothesis<G>& k) {
-  const auto to_h = *relative_prior(store, k.batch_a, h.batch_a), from_h = *relative_prior(store, h.batch_b, k.batch_b);
+double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypothesis<G>& k, const DriftSlack& slack) {
+  const auto to_h = *relative_prior(store, k.batch_a, h.batch_a, slack),
+             from_h = *relative_prior(store, h.batch_b, k.batch_b, slack);
   const G rest = h.alignment.T_a_b * from_h.mean;
   RelativePrior<G> by_h;  // of the batches of k
   by_h.mean = to_h.mean * rest;
@@ -118,7 +119,8 @@ std::vector<std::size_t> heaviest_clique(const Relation& related, const std::vec
 
 #define CONVOY_INSTANTIATE(G)                                                               \
   template double prior_chi2(const RelativePrior<G>&, const HypothesisAlignment<G>&);       \
-  template double loop_chi2(const FactStore<G>&, const Hypothesis<G>&, const Hypothesis<G>&);
+  template double loop_chi2(const FactStore<G>&, const Hypothesis<G>&, const Hypothesis<G>&, \
+                            const DriftSlack&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

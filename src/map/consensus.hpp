@@ -18,9 +18,10 @@ namespace convoy {
 template <class G>
 double prior_chi2(const RelativePrior<G>& prior, const HypothesisAlignment<G>& alignment);
 
-/// The same, of the loop that h and k close with the drift between their batches. Both are between the same two chains.
+/// The same, of the loop that h and k close with the drift between their batches, its persistent errors within `slack`. Both
+/// are between the same two chains.
 template <class G>
-double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypothesis<G>& k);
+double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypothesis<G>& k, const DriftSlack& slack = {});
 
 /// Symmetric relation between 0, 1, ..., which may grow.
 class Relation {

@@ -46,6 +46,19 @@ struct LandmarkResidual {
   typename G::PointCovariance J_m;
 };
 
+/// F3: r = D T q - z.
+template <class G>
+struct AbsoluteFixResidual {
+  AbsoluteFixResidual(const AbsoluteFixFactor<G>& f, const G& T, const G& D) {
+    const typename G::Point p = T * f.antenna;
+    r = D * p - f.position;
+    J_T = D.rotation() * T.act_jacobian(f.antenna);
+    J_D = D.act_jacobian(p);
+  }
+  typename G::Point r;
+  typename G::PointJacobian J_T, J_D;
+};
+
 /// The F2 factors of one node together: one measurement, since their errors are shared.
 template <class G>
 struct BatchFactor {

@@ -204,7 +204,7 @@ class MisfitSearch {
 };
 
 // True if `after`, which does without one hypothesis more, amounts to the problem that `before` did: the same classes,
-// and chains placed by the same hypotheses. Its solution is then the same, to the bit.
+// the same fixes, and chains placed by the same hypotheses. Its solution is then the same, to the bit.
 template <class G>
 bool same_problem(const Selection<G>& before, const Selection<G>& after, Hash dropped, const Problem<G>& problem) {
   const auto same_state = [&](const Hypothesis<G>& x, const Hypothesis<G>& y) {
@@ -227,10 +227,12 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
   std::vector<double> contradictions;
   while (true) {
     Selection<G> selection = selector_.select(store, excluded);
+    if (!backend_.takes_absolute_fixes()) selection.fixes.clear();
     const bool solved = dropped && same_problem(result.selection, selection, *dropped, result.map->problem());
     result.selection = std::move(selection);
     if (!solved) {
-      result.map = backend_.solve(build_problem(store, result.selection, params_.reference));
+      result.map =
+          backend_.solve(build_problem(store, result.selection, params_.reference, params_.common_frame_is_enu));
       contradictions = contradictions_of(*result.map, result.selection);
     }
     const Hypothesis<G>* worst = nullptr;
@@ -242,6 +244,20 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
       worst_contradiction = contradictions[k];
     }
     dropped.reset();
+    const AbsoluteFixFactor<G>* worst_fix = nullptr;
+    double worst_excess = std::max(1.0, worst_contradiction / limit);  // of the gate
+    for (const AbsoluteFixFactor<G>& f : result.map->problem().fixes) {
+      const auto [chi2, dof] = result.map->contradiction(f);
+      const double excess = dof > 0 ? chi2 / chi2_quantile(params_.fix_residual, dof) : 0.0;
+      if (excess > worst_excess) {
+        worst_fix = &f;
+        worst_excess = excess;
+      }
+    }
+    if (worst_fix != nullptr) {
+      excluded.fixes.insert(worst_fix->fix);
+      continue;
+    }
     if (worst != nullptr) {
       dropped = worst->id;
       excluded.hypotheses.insert(worst->id);
@@ -249,7 +265,9 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     }
     const std::size_t before = excluded.size();
     excluded.landmarks.merge(MisfitSearch<G>(store, result.selection, *result.map, params_).run());
-    if (excluded.size() == before) return result;
+    if (excluded.size() != before) continue;
+    result.drift_alarms = drift_check_.alarms(store, result.selection);
+    return result;
   }
 }
 

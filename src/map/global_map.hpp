@@ -1,10 +1,12 @@
 // The global map: map = F(set of facts) (paper, Fig. 3; DESIGN B4). Select, solve, drop what contradicts, repeat.
 #pragma once
 
+#include <convoy/map/drift_check.hpp>
 #include <convoy/map/map.hpp>
 #include <convoy/map/selection.hpp>
 
 #include <memory>
+#include <set>
 
 namespace convoy {
 
@@ -13,11 +15,13 @@ struct GlobalMap {
   Hash facts = 0;  ///< FactStore::digest() it was built from
   Selection<G> selection;
   std::unique_ptr<Map<G>> map;
+  std::set<ChainId> drift_alarms = {};  ///< whose closures show drift that is not white (drift_check.hpp)
 };
 
 /// Never null: an empty store gives an empty map. The most contradicting hypothesis (r^T Z^-1 r of its own alignment
-/// against the map, beyond `map_residual`) is dropped, one at a time, until none is left. Then landmarks that could as well be
-/// of another class leave theirs: a map of many batches tells neighbours apart that two batches cannot.
+/// against the map, beyond `map_residual`) is dropped, one at a time, until none is left; an absolute fix that contradicts a
+/// map without it goes likewise, the worse of the two first. Then landmarks that could as well be of another class leave
+/// theirs: a map of many batches tells neighbours apart that two batches cannot.
 template <class G>
 GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
 
@@ -36,6 +40,7 @@ class MapBuilder {
   SelectionParams params_;
   const Backend<G>& backend_;
   Selector<G> selector_;
+  DriftCheck<G> drift_check_;
 };
 
 }  // namespace convoy

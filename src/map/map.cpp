@@ -1,6 +1,7 @@
 #include <convoy/drift/drift_model.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/factors.hpp>
 #include <convoy/map/map.hpp>
 #include <convoy/submap/content_hash.hpp>
 
@@ -115,6 +116,40 @@ std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, cons
 template <class G>
 PointEstimate<G> Map<G>::class_point(int index) {
   return {points_[static_cast<std::size_t>(index)], covariances_->point(index)};
+}
+
+template <class G>
+std::optional<Estimate<G>> Map<G>::datum() {
+  if (problem_.datum < 0) return std::nullopt;
+  return Estimate<G>{poses_[static_cast<std::size_t>(problem_.datum)],
+                     symmetrised(covariances_->nodes(problem_.datum, problem_.datum))};
+}
+
+// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the fix' own share in its residual taken off, w^T M^-1 w is what a map
+// without the fix would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance without the fix in units of the
+// fix' own; where it is nothing but rounding, nothing but the fix itself determines that direction.
+template <class G>
+std::pair<double, int> Map<G>::contradiction(const AbsoluteFixFactor<G>& f) {
+  const G& T = poses_[static_cast<std::size_t>(f.node)];
+  const G D = f.datum < 0 ? G() : poses_[static_cast<std::size_t>(f.datum)];
+  const AbsoluteFixResidual<G> one(f, T, D);
+  typename G::PointCovariance JPJ = one.J_T * covariances_->nodes(f.node, f.node) * one.J_T.transpose();
+  if (f.datum >= 0) {
+    const typename G::PointCovariance cross = one.J_T * covariances_->nodes(f.node, f.datum) * one.J_D.transpose();
+    JPJ += cross + cross.transpose() + one.J_D * covariances_->nodes(f.datum, f.datum) * one.J_D.transpose();
+  }
+  const Eigen::LLT<typename G::PointCovariance> llt(f.covariance);
+  const typename G::PointCovariance half = llt.matrixL().solve(JPJ), whitened = llt.matrixL().solve(half.transpose());
+  const Eigen::SelfAdjointEigenSolver<typename G::PointCovariance> eigen(
+      symmetrised(typename G::PointCovariance(G::PointCovariance::Identity() - whitened)));
+  const typename G::Point w = eigen.eigenvectors().transpose() * llt.matrixL().solve(one.r);
+  std::pair<double, int> result{0.0, 0};
+  for (int i = 0; i < G::Dim; ++i) {
+    if (eigen.eigenvalues()[i] < 1e-7) continue;
+    result.first += w[i] * w[i] / eigen.eigenvalues()[i];
+    ++result.second;
+  }
+  return result;
 }
 
 #define CONVOY_INSTANTIATE(G) template class Map<G>;

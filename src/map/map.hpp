@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace convoy {
@@ -66,6 +67,13 @@ class Map {
   /// The solved point of class `index` of the selection.
   PointEstimate<G> class_point(int index);
 
+  /// T_enu_common, from absolute fixes. Empty if they do not fix it, or if the common frame is east-north(-up) itself.
+  std::optional<Estimate<G>> datum();
+
+  /// How far an absolute fix of the problem lies from a map that has not heard of it: squared Mahalanobis distance, and the
+  /// number of directions in which the others say anything (0: none).
+  std::pair<double, int> contradiction(const AbsoluteFixFactor<G>& fix);
+
   const Problem<G>& problem() const { return problem_; }
   const std::vector<G>& poses() const { return poses_; }  ///< of Problem::nodes
   const std::vector<typename G::Point>& points() const { return points_; }  ///< of Problem::points
@@ -98,6 +106,8 @@ class Backend {
  public:
   virtual ~Backend() = default;
   virtual std::unique_ptr<Map<G>> solve(Problem<G> problem) const = 0;
+  /// False: its problems are built as if there were none.
+  virtual bool takes_absolute_fixes() const { return true; }
 };
 
 }  // namespace convoy

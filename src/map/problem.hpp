@@ -43,6 +43,16 @@ struct LandmarkFactor {
   typename G::Loading loading = G::Loading::Zero();
 };
 
+/// F3: D T_node q = z + N(0, S), the datum D = T_enu_common being a node, too, or the identity.
+template <class G>
+struct AbsoluteFixFactor {
+  int node, datum;  ///< datum: -1 if the common frame is east-north(-up) itself
+  Key fix;
+  typename G::Point antenna;   ///< q, the lever, node frame
+  typename G::Point position;  ///< z, east-north(-up)
+  typename G::PointCovariance covariance;
+};
+
 struct ChainSpan {
   ChainId chain;
   int first = 0, end = 0;  ///< its nodes; the first is the start of the epoch, index 0
@@ -58,12 +68,19 @@ struct Problem {
   std::vector<DriftFactor<G>> drifts;
   std::vector<LandmarkFactor<G>> landmarks;
   std::set<Hash> placed_by;  ///< hypotheses that the start values of chains come from
+  std::vector<AbsoluteFixFactor<G>> fixes;
+  int datum = -1;  ///< node of T_enu_common, the last one, of no chain; -1: none
 };
 
 /// The common frame is the one of the static biases, if any is known. Else it is the start of `reference` (its first epoch
 /// that is connected to another chain; 0: the smallest chain in the largest group of chains that accepted hypotheses
 /// connect). Chains that nothing connects to it keep a frame of their own and are not aligned.
+///
+/// Absolute fixes add a datum T_enu_common (flat prior) once those of the common frame fix its yaw, and align every group
+/// of chains whose own fixes do so. With `common_frame_is_enu` there is no datum: chains are aligned by their fixes (or a static
+/// bias) alone, and nobody's start is the common frame.
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference = 0);
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference = 0,
+                         bool common_frame_is_enu = false);
 
 }  // namespace convoy

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <map>
 #include <numeric>
 
@@ -143,6 +144,34 @@ std::set<Hash> vetoed(const FactStore<G>& store) {
   return result;
 }
 
+template <class G>
+bool passed(const ChainState<G>& first, const ChainState<G>& second) {
+  return first.stamp_s <= second.stamp_s && first.abscissa_m <= second.abscissa_m;
+}
+
+// One fix per chain and correlation time, the first by key, so that errors that hang together do not count twice
+// (DESIGN B7). One that contradicts the map is not replaced: its neighbours in time share its error. A fix whose anchor
+// has not arrived is absent, and so is one that lies before its anchor or beyond the next.
+template <class G>
+std::vector<Key> thinned_fixes(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded) {
+  std::vector<Key> kept;
+  for (const auto& [id, chain] : store.chains()) {
+    std::set<double> taken_s;  // whatever the order of the stamps: their author need not be honest
+    for (const auto& [index, fix] : chain.absolute_fixes) {
+      const auto anchor = chain.anchors.find(fix.anchor);
+      if (anchor == chain.anchors.end() || !passed(anchor->second.state, fix.state)) continue;
+      if (const auto next = std::next(anchor); next != chain.anchors.end() && !passed(fix.state, next->second.state))
+        continue;
+      const double stamp_s = fix.state.stamp_s;
+      const auto near = taken_s.upper_bound(stamp_s - params.fix_correlation_s);
+      if (near != taken_s.end() && *near < stamp_s + params.fix_correlation_s) continue;
+      taken_s.insert(stamp_s);
+      if (excluded.fixes.count(fix.key) == 0) kept.push_back(fix.key);
+    }
+  }
+  return kept;
+}
+
 }  // namespace
 
 const char* to_string(HypothesisState state) {
@@ -206,7 +235,7 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
   if (!alignment || alignment->chi2 > chi2_quantile(params_.residual, alignment->dof))
     return ends(HypothesisState::geometry);
   h.alignment = {alignment->T_a_b, alignment->covariance()};
-  const auto prior = relative_prior(store, a.anchor, b.anchor);
+  const auto prior = relative_prior(store, a.anchor, b.anchor, params_.slack);
   result.confined = prior && is_confined(*prior, a, b, chi2_quantile(params_.map_residual, G::Dim));
   if (prior && prior_chi2(*prior, h.alignment) > chi2_quantile(params_.map_residual, G::Dof))
     return ends(HypothesisState::prior);
@@ -220,7 +249,8 @@ std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Hy
   Group& group = groups_[{h.batch_a.chain, h.batch_b.chain}];
   std::vector<bool> together;
   for (const Hash other : group.members)
-    together.push_back(loop_chi2(store, examined_.at(other).hypothesis, h) < chi2_quantile(params_.map_residual, G::Dof));
+    together.push_back(loop_chi2(store, examined_.at(other).hypothesis, h, params_.slack) <
+                       chi2_quantile(params_.map_residual, G::Dof));
   group.members.push_back(id);
   group.together.add(std::move(together));
   return group.members.size() - 1;
@@ -355,6 +385,8 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
     hash.add(static_cast<std::uint64_t>(members.size()), 4);
     for (const Key& k : members) hash.add(k.chain.vehicle, 4).add(k.chain.epoch).add(k.index, 4);
   }
+  selection.fixes = thinned_fixes(store, params_, excluded);
+  for (const Key& key : selection.fixes) hash.add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4);
   selection.digest = hash.value();
   return selection;
 }

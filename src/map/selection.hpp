@@ -18,8 +18,13 @@ struct SelectionParams {
   double residual = 0.99;     ///< chi-square confidence of a hypothesis' own alignment
   double map_residual = 0.9999;  ///< confidence beyond which a hypothesis contradicts priors, others, or the solved map
   double max_runner_up_share = 0.25;  ///< of the weight (pairings) of the set that holds together; beyond: ambiguous
+  DriftSlack slack{0.01, 1e-4};      ///< persistent drift errors that alone contradict nothing
   int min_confirmed = 2;             ///< hypotheses that must hold together to link two chains; 1: the first one may
   double separation = 0.9;       ///< a landmark leaves its class unless every other way fits this much worse, chi-square
+  /// Errors of a receiver of absolute positions hang together for about this long: one fix per chain and time enters. [s]
+  double fix_correlation_s = 60.0;
+  double fix_residual = 0.99;    ///< confidence beyond which a fix contradicts the map of all the others and is dropped
+  bool common_frame_is_enu = false;  ///< the common frame is that of the absolute fixes, and no datum is looked for
   VehicleId reference = 0;       ///< whose start is the common frame if no static bias is known; 0: see build_problem()
 };
 
@@ -27,14 +32,16 @@ template <class G>
 struct Selection {
   std::vector<Hypothesis<G>> hypotheses;  ///< all stated ones: most pairings first, then by id
   std::vector<std::vector<Key>> classes;  ///< landmarks that are the same, two or more; sorted
-  Hash digest = 0;                        ///< of the classes
+  std::vector<Key> fixes;                 ///< absolute fixes that enter the map; sorted
+  Hash digest = 0;                        ///< of the classes and fixes
 };
 
 /// What an earlier look at the map has shown not to fit.
 struct Exclusions {
   std::set<Hash> hypotheses;  ///< contradict the rest of the map
   std::set<Key> landmarks;    ///< fit another class better than the one their pairings put them into
-  std::size_t size() const { return hypotheses.size() + landmarks.size(); }
+  std::set<Key> fixes;        ///< contradict the rest of the map
+  std::size_t size() const { return hypotheses.size() + landmarks.size() + fixes.size(); }
 };
 
 template <class G>

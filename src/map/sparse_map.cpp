@@ -51,6 +51,7 @@ class NormalEquations {
       : problem_(problem), nodes_(static_cast<int>(problem.nodes.size())), batches_(batch_factors(problem)) {
     for (const auto& f : problem.priors) prior_information_.push_back(f.covariance.inverse());
     for (const auto& f : problem.drifts) drift_information_.push_back(f.covariance.inverse());
+    for (const auto& f : problem.fixes) fix_information_.push_back(f.covariance.inverse());
     for (const BatchFactor<G>& f : batches_) shared_.push_back(shared_errors(f));
     std::vector<int> sizes(problem.nodes.size(), G::Dof);
     sizes.resize(sizes.size() + problem.points.size(), G::Dim);
@@ -75,13 +76,14 @@ class NormalEquations {
     double chi2 = 0.0;
     for (std::size_t k = 0; k < problem_.priors.size(); ++k) chi2 += prior(k, poses);
     for (std::size_t k = 0; k < problem_.drifts.size(); ++k) chi2 += drift(k, poses);
+    for (std::size_t k = 0; k < problem_.fixes.size(); ++k) chi2 += absolute_fix(k, poses);
     for (std::size_t k = 0; k < batches_.size(); ++k) chi2 += landmarks(k, poses, points);
     return chi2;
   }
 
   int residuals() const {
     return G::Dof * static_cast<int>(problem_.priors.size() + problem_.drifts.size()) +
-           G::Dim * static_cast<int>(problem_.landmarks.size());
+           G::Dim * static_cast<int>(problem_.landmarks.size() + problem_.fixes.size());
   }
 
  private:
@@ -95,6 +97,12 @@ class NormalEquations {
       visit(f.a, f.a);
       visit(f.b, f.a);
       visit(f.b, f.b);
+    }
+    for (const auto& f : problem_.fixes) {
+      visit(f.node, f.node);
+      if (f.datum < 0) continue;
+      visit(f.datum, f.node);
+      visit(f.datum, f.datum);
     }
     for (std::size_t k = 0; k < batches_.size(); ++k) {
       const BatchFactor<G>& f = batches_[k];
@@ -150,6 +158,21 @@ class NormalEquations {
     return r.dot(W * r);
   }
 
+  double absolute_fix(std::size_t k, const std::vector<G>& poses) {  // F3
+    const AbsoluteFixFactor<G>& f = problem_.fixes[k];
+    const typename G::PointCovariance& W = fix_information_[k];
+    const G D = f.datum < 0 ? G() : poses[static_cast<std::size_t>(f.datum)];
+    const AbsoluteFixResidual<G> one(f, poses[static_cast<std::size_t>(f.node)], D);
+    add(Dof(one.J_T.transpose() * W * one.J_T));
+    gradient_.segment<G::Dof>(node_row(f.node)) -= one.J_T.transpose() * W * one.r;
+    if (f.datum >= 0) {
+      add(Dof(one.J_D.transpose() * W * one.J_T));
+      add(Dof(one.J_D.transpose() * W * one.J_D));
+      gradient_.segment<G::Dof>(node_row(f.datum)) -= one.J_D.transpose() * W * one.r;
+    }
+    return one.r.dot(W * one.r);
+  }
+
   double landmarks(std::size_t k, const std::vector<G>& poses, const std::vector<typename G::Point>& points) {  // F2
     const BatchFactor<G>& f = batches_[k];
     const auto n = static_cast<Eigen::Index>(f.landmarks.size());
@@ -182,6 +205,7 @@ class NormalEquations {
   std::vector<BatchFactor<G>> batches_;
   std::vector<std::vector<Pair>> shared_;  // of each batch
   std::vector<Dof> prior_information_, drift_information_;
+  std::vector<typename G::PointCovariance> fix_information_;
   BlockCholesky solver_;
   std::vector<BlockCholesky::Slot> slots_;
   const BlockCholesky::Slot* slot_ = nullptr;  // of the next add()

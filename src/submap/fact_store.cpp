@@ -177,6 +177,26 @@ Insertion FactStore<G>::insert(const VerdictFact& f) {
 }
 
 template <class G>
+Insertion FactStore<G>::check(const AbsoluteFixFact<G>& f) const {
+  const auto& s = f.state;
+  Insertion ok = first_refusal(check(f.key), check_pose(s.pose, limits_), check_covariance(s.drift, limits_),
+                               check_covariance(f.covariance, limits_));
+  const bool finite = std::isfinite(s.stamp_s) && std::isfinite(s.abscissa_m) && f.lever.allFinite() && f.position.allFinite();
+  if (ok == Insertion::inserted && !finite) ok = Insertion::not_finite;
+  const double largest = std::max({s.abscissa_m, f.lever.cwiseAbs().maxCoeff(), f.position.cwiseAbs().maxCoeff()});
+  if (ok == Insertion::inserted && (s.abscissa_m < 0.0 || largest > limits_.max_coordinate_m || f.anchor > limits_.max_index))
+    ok = Insertion::out_of_range;
+  return ok;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const AbsoluteFixFact<G>& f) {
+  const Insertion result = keep(&Chain::absolute_fixes, FactKind::absolute_fix, f, check(f));
+  if (result == Insertion::inserted) announce(f.key.chain, FactKind::anchor, f.anchor + 1);  // a lost anchor is asked for
+  return result;
+}
+
+template <class G>
 const AnchorFact<G>* FactStore<G>::anchor(const Key& key) const {
   const auto chain = chains_.find(key.chain);
   if (chain == chains_.end()) return nullptr;
@@ -235,6 +255,7 @@ std::vector<IndexRange> FactStore<G>::missing(const ChainId& id, FactKind kind, 
     case FactKind::prior: return holes(chain.priors, mark.high_water, max_ranges);
     case FactKind::association: return holes(chain.associations, mark.high_water, max_ranges);
     case FactKind::verdict: return holes(chain.verdicts, mark.high_water, max_ranges);
+    case FactKind::absolute_fix: return holes(chain.absolute_fixes, mark.high_water, max_ranges);
   }
   return {};
 }

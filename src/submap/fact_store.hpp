@@ -63,6 +63,7 @@ class FactStore {
   Insertion insert(const PriorFact<G>& fact);
   Insertion insert(const AssociationFact& fact);
   Insertion insert(const VerdictFact& fact);
+  Insertion insert(const AbsoluteFixFact<G>& fact);
 
   /// What insert() would say of the fact itself: `inserted`, or why it is refused.
   Insertion check(const AnchorFact<G>& fact) const;
@@ -70,6 +71,7 @@ class FactStore {
   Insertion check(const PriorFact<G>& fact) const;
   Insertion check(const AssociationFact& fact) const;
   Insertion check(const VerdictFact& fact) const { return check(fact.key); }
+  Insertion check(const AbsoluteFixFact<G>& fact) const;
 
   template <class Fact>
   using Sequence = std::map<std::uint32_t, Fact>;
@@ -81,6 +83,7 @@ class FactStore {
     Sequence<PriorFact<G>> priors;
     Sequence<AssociationFact> associations;
     Sequence<VerdictFact> verdicts;
+    Sequence<AbsoluteFixFact<G>> absolute_fixes;
     std::map<std::uint32_t, std::vector<std::uint32_t>> batches;  ///< anchor -> its landmarks, ascending
     std::array<ChainMark, fact_kind_count> marks;
     bool equivocated = false;  ///< its author used a key twice
@@ -132,7 +135,8 @@ class FactStore {
     else if constexpr (std::is_same_v<Fact, LandmarkFact<G>>) return chain.landmarks;
     else if constexpr (std::is_same_v<Fact, PriorFact<G>>) return chain.priors;
     else if constexpr (std::is_same_v<Fact, AssociationFact>) return chain.associations;
-    else return chain.verdicts;
+    else if constexpr (std::is_same_v<Fact, VerdictFact>) return chain.verdicts;
+    else return chain.absolute_fixes;
   }
   template <class Fact>
   Insertion keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check);

@@ -27,6 +27,7 @@ const char* to_string(FactKind kind) {
     case FactKind::prior: return "prior";
     case FactKind::association: return "association";
     case FactKind::verdict: return "verdict";
+    case FactKind::absolute_fix: return "absolute_fix";
   }
   return "unknown";
 }
@@ -53,6 +54,14 @@ Hash hash_of(const PriorFact<G>& f) {
   h.add(f.known ? 1U : 0U, 1);
   add_group(h, f.mean);
   return h.add(f.covariance).value();
+}
+
+template <class G>
+Hash hash_of(const AbsoluteFixFact<G>& f) {
+  ContentHash h = start(FactKind::absolute_fix, f.key);
+  h.add(f.anchor, 4).add(f.state.stamp_s).add(f.state.abscissa_m);
+  add_group(h, f.state.pose);
+  return h.add(f.state.drift).add(f.lever).add(f.position).add(f.covariance).value();
 }
 
 Hash hash_of(const AssociationFact& f) {
@@ -82,7 +91,8 @@ std::vector<Pairing> canonical(std::vector<Pairing> pairings) {
 #define CONVOY_INSTANTIATE(G)                 \
   template Hash hash_of(const AnchorFact<G>&);   \
   template Hash hash_of(const LandmarkFact<G>&); \
-  template Hash hash_of(const PriorFact<G>&);
+  template Hash hash_of(const PriorFact<G>&);    \
+  template Hash hash_of(const AbsoluteFixFact<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

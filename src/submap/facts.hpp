@@ -32,8 +32,8 @@ struct Key {
 };
 
 /// The kinds of fact, each with an index sequence of its own. The numbers are part of the wire format.
-enum class FactKind : std::uint8_t { anchor = 0, landmark = 1, prior = 2, association = 3, verdict = 4 };
-inline constexpr int fact_kind_count = 5;
+enum class FactKind : std::uint8_t { anchor = 0, landmark = 1, prior = 2, association = 3, verdict = 4, absolute_fix = 5 };
+inline constexpr int fact_kind_count = 6;
 const char* to_string(FactKind kind);
 
 /// 64-bit content hash. The order-free sum of hashes is the digest of a set.
@@ -107,6 +107,18 @@ struct VerdictFact {
   bool veto = false;
 };
 
+/// A receiver of absolute positions (GPS) said where its antenna was (F3). Hangs on the last anchor before it.
+template <class G>
+struct AbsoluteFixFact {
+  Key key;
+  std::uint32_t anchor = 0;                          ///< index of the anchor, same chain
+  ChainState<G> state;                               ///< where the vehicle's own SLAM said it was at the fix
+  typename G::Point lever = G::Point::Zero();        ///< the antenna in the body frame [m]
+  typename G::Point position = G::Point::Zero();     ///< of the antenna, east-north(-up) of the fleet's datum [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< of position [m^2]
+  Key anchor_key() const { return {key.chain, anchor}; }
+};
+
 /// Content hashes: FNV-1a over the little-endian bytes of every field, key included, then mixed.
 template <class G>
 Hash hash_of(const AnchorFact<G>& fact);
@@ -114,6 +126,8 @@ template <class G>
 Hash hash_of(const LandmarkFact<G>& fact);
 template <class G>
 Hash hash_of(const PriorFact<G>& fact);
+template <class G>
+Hash hash_of(const AbsoluteFixFact<G>& fact);
 Hash hash_of(const AssociationFact& fact);
 Hash hash_of(const VerdictFact& fact);
 

@@ -2,6 +2,8 @@
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/wire_bounds.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/global_map.hpp>
+#include <convoy/map/sparse_map.hpp>
 
 #include <gtest/gtest.h>
 
@@ -90,6 +92,20 @@ TEST(Convert, PriorRoundTrip) {
     EXPECT_EQ(hash_of(std::get<PriorFact<SE2>>(round_trip<v1::PriorPubSubType>(fact).payload)), hash_of(fact));
 }
 
+template <class G>
+AbsoluteFixFact<G> any_fix(const ChainState<G>& state) {
+  AbsoluteFixFact<G> fact{{author, 6}, 4, state};
+  fact.lever = G::Point::NullaryExpr([] { return any(); });
+  fact.position = G::Point::NullaryExpr([] { return any(); });
+  fact.covariance = any_covariance<G::Dim>();
+  return fact;
+}
+
+TEST(Convert, AbsoluteFixRoundTrip) {
+  const auto fact = any_fix<SE2>(any_state());
+  EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE2>>(round_trip<v1::AbsoluteFixPubSubType>(fact).payload)), hash_of(fact));
+}
+
 TEST(Convert, AssociationRoundTrip) {
   AssociationFact fact{{author, 5}, {}};
   for (std::uint32_t i = 0; i < 40; ++i) fact.pairings.push_back({{sender, i}, {{9 + i / 20, 1}, 2 * i}});
@@ -137,11 +153,19 @@ TEST(Convert, DigestRoundTripKeepsTheOrderOfMarks) {
 
 TEST(Convert, ADigestOfTwoVehiclesIsSmall) {
   Digest digest;
+  const auto size = [&] {
+    v1::Digest sample;
+    EXPECT_EQ(to_wire<SE2>(sender, digest, sample), WireStatus::ok);
+    return v1::Digest::getCdrSerializedSize(sample);
+  };
   for (const ChainId chain : {sender, author})
-    for (int kind = 0; kind < fact_kind_count; ++kind) digest.marks.push_back({chain, static_cast<FactKind>(kind), 9, 9, 9});
-  v1::Digest sample;
-  ASSERT_EQ(to_wire<SE2>(sender, digest, sample), WireStatus::ok);
-  EXPECT_LE(v1::Digest::getCdrSerializedSize(sample), 300U);
+    for (const FactKind kind :
+         {FactKind::anchor, FactKind::landmark, FactKind::prior, FactKind::association, FactKind::verdict})
+      digest.marks.push_back({chain, kind, 9, 9, 9});
+  const std::size_t without = size();
+  EXPECT_LE(without, 300U);
+  digest.marks.push_back({author, FactKind::absolute_fix, 9, 9, 9});  // a kind costs those that have it: 4 + 4 + 8 bytes
+  EXPECT_LE(size(), without + 24U);
 }
 
 TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
@@ -211,6 +235,25 @@ TEST(Convert, RefusesBadLandmarks) {
             WireStatus::unknown_enum);
 }
 
+TEST(Convert, RefusesBadAbsoluteFixes) {
+  constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+  v1::AbsoluteFix good;
+  ASSERT_EQ(to_wire(sender, any_fix<SE2>(any_state()), good), WireStatus::ok);
+  const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix&) {}), WireStatus::ok);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.dimension(3); }), WireStatus::wrong_dimension);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.vehicle(0); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.lever().resize(3); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.position().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.covariance().resize(6); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.state().drift().resize(21); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](v1::AbsoluteFix& s) { s.state().pose()[2] = 4.0; }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.lever()[1] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.position()[0] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.covariance()[2] = nan; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([nan](v1::AbsoluteFix& s) { s.state().stamp_s(nan); }), WireStatus::not_finite);
+}
+
 TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   v1::Request request;
   ASSERT_EQ(to_wire<SE2>(sender, Request{author, FactKind::anchor, {{1, 2}}}, request), WireStatus::ok);
@@ -222,7 +265,7 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 1, 2, 3, 4}, digest), WireStatus::ok);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for its receiver to count";
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(4); }), WireStatus::wrong_dimension);
-  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x20); }), WireStatus::unknown_enum);
+  EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(0x40); }), WireStatus::unknown_enum);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks().resize(257, s.marks()[0]); }), WireStatus::too_many);
 
@@ -279,6 +322,8 @@ TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
     }
     EXPECT_EQ(hash_of(anchor), anchor_hash);
     EXPECT_EQ(hash_of(prior), prior_hash);
+    const auto fix = any_fix<SE3>(any_state_in_space());
+    EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE3>>(round_trip<v1::AbsoluteFixPubSubType, SE3>(fix).payload)), hash_of(fix));
     const auto got = std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(pose).payload);
     EXPECT_EQ(hash_of(AnchorFact<SE3>{{author, 3}, got.state}), hash_of(AnchorFact<SE3>{{author, 3}, pose.state}));
   }
@@ -388,6 +433,59 @@ TEST(WireScan, SpoiltBytesAreDecodedOrRefusedNeverWorse) {
   EXPECT_GT(seen[Decoding::ok], 0);
   EXPECT_GT(seen[Decoding::undecodable], 0);
   EXPECT_GT(seen[Decoding::hostile], 0);
+}
+
+// The same of absolute fixes; and what is taken in at last does a map no harm.
+template <class G>
+void expect_spoilt_fixes_do_no_harm(const ChainState<G>& state) {
+  v1::AbsoluteFix sample;
+  AbsoluteFixFact<G> fact = any_fix<G>(state);
+  fact.key.index = 0;
+  fact.anchor = 1;
+  ASSERT_EQ(to_wire(sender, fact, sample), WireStatus::ok);
+  GuardedType<v1::AbsoluteFixPubSubType> type;
+  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&sample)());
+  ASSERT_TRUE(type.serialize(&sample, &good));
+  FactStore<G> store;
+  for (std::uint32_t k = 0; k < 2; ++k)
+    ASSERT_EQ(store.insert(AnchorFact<G>{{author, k}, k == 0 ? ChainState<G>{} : state}), Insertion::inserted);
+  std::map<Decoding, int> seen;
+  std::map<Insertion, int> taken;
+  for (int run = 0; run < 20000; ++run) {
+    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
+    spoilt.copy(&good);
+    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Guarded<v1::AbsoluteFix> received;
+    ASSERT_TRUE(type.deserialize(&spoilt, &received));
+    ASSERT_EQ(received.decoding, scan_payload<v1::AbsoluteFix>(spoilt.data, spoilt.length));
+    ++seen[received.decoding];
+    Message<G> message;
+    if (received.decoding != Decoding::ok || from_wire(received.sample, message) != WireStatus::ok) continue;
+    auto& got = std::get<AbsoluteFixFact<G>>(message.payload);
+    if (got.key == fact.key) got.key.index = static_cast<std::uint32_t>(run);
+    ++taken[store.insert(got)];
+  }
+  for (const Decoding decoding : {Decoding::ok, Decoding::undecodable, Decoding::hostile}) EXPECT_GT(seen[decoding], 0);
+  for (const Insertion result : {Insertion::inserted, Insertion::not_covariance, Insertion::out_of_range})
+    EXPECT_GT(taken[result], 0) << to_string(result);
+  const auto global = build_global_map(store, SelectionParams{}, SparseMap<G>());
+  EXPECT_FALSE(global.selection.fixes.empty());
+  for (const G& pose : global.map->poses()) {
+    EXPECT_TRUE(pose.translation().allFinite());
+    EXPECT_TRUE(pose.rotation().allFinite());
+  }
+}
+
+TEST(WireScan, SpoiltFixesAreDecodedOrRefusedAndDoAMapNoHarm) {
+  ChainState<SE2> state{100.0, 50.0, SE2(40.0, 10.0, 0.5)};
+  state.drift = 0.1 * SE2::Covariance::Identity();
+  expect_spoilt_fixes_do_no_harm<SE2>(state);
+}
+
+TEST(WireScan, SpoiltFixesInSpaceAreDecodedOrRefusedAndDoAMapNoHarm) {
+  ChainState<SE3> state{100.0, 50.0, SE3({1.0, 0.0, 0.0, 0.0}, {40.0, 10.0, 0.5})};
+  state.drift = 0.1 * SE3::Covariance::Identity();
+  expect_spoilt_fixes_do_no_harm<SE3>(state);
 }
 
 }  // namespace

@@ -178,6 +178,46 @@ TEST_F(HostileSample, ABurstOfBadAmongGoodLosesNoGoodOne) {
   EXPECT_TRUE(eventually([&] { return undecodable() == 50; }));
 }
 
+TEST_F(HostileSample, AbsoluteFixesAreRefusedCountedAndDoNotStopTheGoodOnes) {
+  Stranger stranger("convoy/v1/AbsoluteFix", "convoy::v1::AbsoluteFix");
+  ASSERT_TRUE(eventually([&] { return stranger.matched(); }));
+  v1::AbsoluteFix sample;
+  AbsoluteFixFact<SE2> fact{{{9, 1}, 0}, 0, {}};
+  fact.covariance.setIdentity();
+  ASSERT_EQ(to_wire(ChainId{9, 1}, fact, sample), WireStatus::ok);
+  const Bytes good = serialised<v1::AbsoluteFixPubSubType>(sample);
+
+  Bytes unknown_encapsulation = good;
+  unknown_encapsulation[1] = 0x42;
+  ASSERT_TRUE(stranger.send(unknown_encapsulation));
+  EXPECT_TRUE(eventually([&] { return undecodable() == 1; }));
+  ASSERT_TRUE(stranger.send(Bytes(good.begin(), good.begin() + static_cast<std::ptrdiff_t>(good.size() / 2))));
+  EXPECT_TRUE(eventually([&] { return undecodable() == 2; }));
+
+  v1::AbsoluteFix overlong = sample;  // more than the format allows, really there
+  overlong.position().resize(4);
+  ASSERT_TRUE(stranger.send(serialised<v1::AbsoluteFixPubSubType>(overlong)));
+  EXPECT_TRUE(eventually([&] { return hostile() == 1; }));
+
+  // A lever of four thousand million numbers, announced only. Its length stands before 2 + 2 + 3 doubles and the two
+  // other lengths, each aligned to its doubles: 24, 24 and 32 bytes from the end.
+  Bytes announced = good;
+  std::memset(announced.data() + good.size() - 80, 0xff, 4);
+  ASSERT_TRUE(stranger.send(announced));
+  EXPECT_TRUE(eventually([&] { return hostile() == 2; }));
+
+  v1::AbsoluteFix not_a_number = sample;
+  not_a_number.covariance()[1] = std::numeric_limits<double>::quiet_NaN();
+  ASSERT_TRUE(stranger.send(serialised<v1::AbsoluteFixPubSubType>(not_a_number)));
+  EXPECT_TRUE(eventually([&] { return hostile() == 3; }));
+
+  EXPECT_TRUE(exchange_.take(0.0).empty());
+  ASSERT_TRUE(stranger.send(good));
+  const auto got = collect(exchange_, 1);
+  ASSERT_EQ(got.size(), 1U);
+  EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE2>>(got[0].payload)), hash_of(fact));
+}
+
 TEST_F(HostileSample, UnknownEnumeratorIsRefused) {
   Stranger stranger("convoy/v1/Request", "convoy::v1::Request");
   ASSERT_TRUE(eventually([&] { return stranger.matched(); }));

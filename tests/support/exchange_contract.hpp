@@ -126,6 +126,28 @@ TYPED_TEST_P(ExchangeContract, BothWays) {
   EXPECT_EQ(at_b[0].sender.vehicle, 1U);
 }
 
+TYPED_TEST_P(ExchangeContract, CarriesAbsoluteFixesToTheBit) {
+  using G = typename TypeParam::Group;
+  auto a = this->network_.join();
+  auto b = this->network_.join();
+  ASSERT_TRUE(this->network_.connect(2));
+  AbsoluteFixFact<G> fact;
+  fact.key = {{1, 1}, 3};
+  fact.anchor = 2;
+  fact.state.stamp_s = 1.0 / 3.0;
+  fact.state.abscissa_m = 7.0;
+  fact.state.pose = G::Exp(0.1 * G::Tangent::LinSpaced(1.0, 2.0));
+  fact.state.drift.setIdentity();
+  fact.lever.setConstant(0.3);
+  fact.position = G::Point::LinSpaced(-1e5, 1e5);
+  fact.covariance = 0.7 * G::PointCovariance::Identity();
+  ASSERT_EQ(a->send({{1, 1}, fact}), SendStatus::sent);
+  const auto got = this->collect(*b, 1);
+  ASSERT_EQ(got.size(), 1U);
+  ASSERT_TRUE(std::holds_alternative<AbsoluteFixFact<G>>(got[0].payload));
+  EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<G>>(got[0].payload)), hash_of(fact));
+}
+
 TYPED_TEST_P(ExchangeContract, CountsWhatIsSentAndTaken) {
   using G = typename TypeParam::Group;
   auto a = this->network_.join();
@@ -162,7 +184,8 @@ TYPED_TEST_P(ExchangeContract, APeerMayLeaveAtAnyTime) {
 }
 
 REGISTER_TYPED_TEST_SUITE_P(ExchangeContract, DeliversToEveryPeerAndNeverToOneself, KeepsTheOrderOfASender,
-                            TakeDoesNotBlockAndGivesAMessageOnce, BothWays, CountsWhatIsSentAndTaken,
-                            LateJoinerGetsFactsWhereTheNetworkKeepsThem, APeerMayLeaveAtAnyTime);
+                            TakeDoesNotBlockAndGivesAMessageOnce, BothWays, CarriesAbsoluteFixesToTheBit,
+                            CountsWhatIsSentAndTaken, LateJoinerGetsFactsWhereTheNetworkKeepsThem,
+                            APeerMayLeaveAtAnyTime);
 
 }  // namespace convoy::testing

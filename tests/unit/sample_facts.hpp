@@ -16,7 +16,8 @@ using Landmark = LandmarkFact<SE2>;
 using Prior = PriorFact<SE2>;
 using Store = FactStore<SE2>;
 template <class G>
-using FactOf = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact>;
+using FactOf = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact,
+                            AbsoluteFixFact<G>>;
 using Fact = FactOf<SE2>;
 
 inline constexpr Epoch epoch = 1700000000;
@@ -69,12 +70,22 @@ inline VerdictFact verdict(VehicleId author, std::uint32_t index, Hash hypothesi
   return {key_of(author, index), hypothesis, veto};
 }
 
+/// At an anchor, the antenna 1 m ahead.
+inline AbsoluteFixFact<SE2> absolute_fix(VehicleId vehicle, std::uint32_t index) {
+  AbsoluteFixFact<SE2> fact{key_of(vehicle, index), index, anchor(vehicle, index).state};
+  fact.lever = {1.0, 0.25};
+  fact.position = {400.0 + 25.0 * index, -3.0 * vehicle};
+  fact.covariance << 2.0, 0.5, 0.5, 1.0;
+  return fact;
+}
+
 /// All facts of one vehicle: `anchors` anchors with their landmarks, a prior, and for each anchor an association with
 /// the next vehicle's, the last of them vetoed.
 inline std::vector<Fact> chain_facts(VehicleId vehicle, std::uint32_t anchors) {
   std::vector<Fact> facts{prior(vehicle)};
   for (std::uint32_t k = 0; k < anchors; ++k) {
     facts.emplace_back(anchor(vehicle, k));
+    facts.emplace_back(absolute_fix(vehicle, k));
     for (std::uint32_t i = 0; i < 4; ++i) facts.emplace_back(landmark(vehicle, 4 * k + i));
     facts.emplace_back(association(vehicle, k, pairings(vehicle, vehicle + 1, k, 3)));
   }

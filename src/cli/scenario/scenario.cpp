@@ -58,6 +58,9 @@ void write_sensors(const fs::path& file, const std::vector<SensorEvent>& sensors
       text += ',';
       append_number(text, event.omega_rad_s);
       text += ",\n";
+    } else if (event.kind == SensorEvent::Kind::fix) {
+      text += ",fix,";
+      append_csv_row(text, event.east_m, event.north_m, event.sigma_m);
     } else {
       text += ",sighting,";
       append_csv_row(text, event.track, event.range_m, event.bearing_rad);
@@ -77,8 +80,11 @@ std::vector<SensorEvent> read_sensors(const fs::path& file) {
     } else if (table.text(1) == "sighting") {
       sensors.push_back(SensorEvent::sighting(t_s, table.small_number(2), table.number(3), table.number(4)));
       if (sensors.back().range_m <= 0.0) table.refuse("the range of a sighting must be above 0");
+    } else if (table.text(1) == "fix") {
+      sensors.push_back(SensorEvent::fix(t_s, table.number(2), table.number(3), table.number(4)));
+      if (sensors.back().sigma_m <= 0.0) table.refuse("the sigma of a fix must be above 0");
     } else {
-      table.refuse("the kind is '" + std::string(table.text(1)) + "'; it must be odometry or sighting");
+      table.refuse("the kind is '" + std::string(table.text(1)) + "'; it must be odometry, sighting or fix");
     }
   }
   return sensors;

@@ -4,7 +4,10 @@
 //   RUN/scenario.json            name, source, seed, duration, static priors, what was dropped on loading
 //   RUN/truth/landmarks.csv      id,x_m,y_m
 //   RUN/truth/vehicle_<id>.csv   t_s,x_m,y_m,theta_rad              (absent if there is no pose truth)
-//   RUN/vehicle_<id>/sensors.csv t_s,kind,a,b,c
+//   RUN/vehicle_<id>/sensors.csv t_s,kind,a,b,c                     by time; kind and a, b, c:
+//                                  odometry  v_m_s, omega_rad_s, (empty)
+//                                  sighting  track, range_m, bearing_rad
+//                                  fix       east_m, north_m, sigma_m     of the receiver's antenna (GPS)
 #pragma once
 
 #include <convoy/geometry/se2.hpp>
@@ -19,7 +22,7 @@ namespace convoy::cli {
 
 /// One reading. Times count from the start of the scenario, the same for all vehicles. [s]
 struct SensorEvent {
-  enum class Kind : std::uint8_t { odometry, sighting };
+  enum class Kind : std::uint8_t { odometry, sighting, fix };
   double t_s = 0.0;
   Kind kind = Kind::odometry;
   // odometry: the body velocity from t_s until the next odometry event
@@ -29,12 +32,19 @@ struct SensorEvent {
   std::uint32_t track = 0;   ///< what the tracker calls the landmark; means nothing to any other vehicle
   double range_m = 0.0;      ///< > 0 [m]
   double bearing_rad = 0.0;  ///< from straight ahead, left positive [rad]
+  // fix: where a receiver of absolute positions says that its antenna is
+  double east_m = 0.0;   ///< of the fleet's datum [m]
+  double north_m = 0.0;  ///< of the fleet's datum [m]
+  double sigma_m = 0.0;  ///< of either, > 0 [m]
 
   static SensorEvent odometry(double t_s, double v_m_s, double omega_rad_s) {
     return {t_s, Kind::odometry, v_m_s, omega_rad_s, 0, 0.0, 0.0};
   }
   static SensorEvent sighting(double t_s, std::uint32_t track, double range_m, double bearing_rad) {
     return {t_s, Kind::sighting, 0.0, 0.0, track, range_m, bearing_rad};
+  }
+  static SensorEvent fix(double t_s, double east_m, double north_m, double sigma_m) {
+    return {t_s, Kind::fix, 0.0, 0.0, 0, 0.0, 0.0, east_m, north_m, sigma_m};
   }
   bool operator==(const SensorEvent&) const = default;
 };

@@ -54,6 +54,14 @@ TEST(Scenario, WithoutTruthHasNoTruthFile) {
   EXPECT_TRUE(Scenario::read(folder.path()).vehicles[0].truth.empty());
 }
 
+TEST(Scenario, FixesSurviveTheDiskToTheBit) {
+  const TemporaryFolder folder;
+  const std::vector<SensorEvent> written{SensorEvent::odometry(0.0, 1.0, 0.0), SensorEvent::fix(0.1, 1.0 / 3.0, -2e5, 0.02),
+                                         SensorEvent::sighting(0.1, 7, 3.0, 0.1)};
+  write_sensors(folder / "s.csv", written);
+  EXPECT_EQ(read_sensors(folder / "s.csv"), written);
+}
+
 TEST(Scenario, RefusesADamagedFolder) {
   const TemporaryFolder folder;
   EXPECT_THAT(config_error_of([&] { Scenario::read(folder.path()); }), HasSubstr("scenario.json: no such file"));
@@ -88,6 +96,10 @@ INSTANTIATE_TEST_SUITE_P(
                     BadSensors{"2,sighting,1.5,3,0\n", "s.csv:3: field 3 is '1.5'; it must be a whole number"},
                     BadSensors{"2,sighting,4294967296,3,0\n", "s.csv:3: field 3 is beyond"},
                     BadSensors{"2,sighting,7,0,0\n", "s.csv:3: the range of a sighting must be above 0"},
+                    BadSensors{"2,fix,7,3,0\n", "s.csv:3: the sigma of a fix must be above 0"},
+                    BadSensors{"2,fix,7,3,-1\n", "s.csv:3: the sigma of a fix must be above 0"},
+                    BadSensors{"2,fix,7,nan,1\n", "s.csv:3: field 4"},
+                    BadSensors{"2,fix,7,3,\n", "s.csv:3: field 5"},
                     BadSensors{"2,sighting,7,3\n", "s.csv:3: the line has 4 fields"}));
 
 }  // namespace

@@ -354,6 +354,22 @@ TEST(Integrity, SuspectWhileFactsAreMissing) {
   EXPECT_TRUE(self.view_of({2, 1}, fleet.now_s).reasons & reason_missing_facts);
 }
 
+TEST(Integrity, SuspectWhileTheMapFindsItsDriftNotWhite) {
+  ScriptedFleet fleet;
+  add_three(fleet);
+  fleet.drive(120);
+  ASSERT_TRUE(fleet.settle());
+  Member& self = *fleet.members[0];
+  ASSERT_EQ(self.view_of({2, 1}, fleet.now_s).integrity, Integrity::ok);
+  BuiltMap<SE2> built{build_global_map(self.manager.store(), {}, *self.manager.backend()), self.manager.store().revision()};
+  built.map.drift_alarms = {{2, 1}};
+  self.manager.adopt(std::move(built));
+  const auto state = self.view_of({2, 1}, fleet.now_s);
+  EXPECT_EQ(state.integrity, Integrity::suspect);
+  EXPECT_EQ(state.reasons, static_cast<std::uint32_t>(reason_drift));
+  EXPECT_EQ(self.view_of(self.chain(), fleet.now_s).integrity, Integrity::ok);
+}
+
 // ---- the monitor ----
 
 TEST(FleetMonitor, SeesTheMapOfTheFleetAndNeverSends) {

@@ -11,6 +11,7 @@
 #include <functional>
 #include <mutex>
 #include <thread>
+#include <utility>
 
 #include "scripted_fleet.hpp"
 
@@ -164,19 +165,37 @@ TEST_F(SlowMap, IsWaitedForWhenTheVehicleIsShutDown) {
   closer.join();
 }
 
+// A member that has just closed a segment says where it is, absolutely.
+void fix_at_closings(test::MemberOf<SE2>& member, std::size_t& closed) {
+  const auto& anchors = member.manager.store().chains().at(member.chain()).anchors;
+  if (anchors.size() == std::exchange(closed, anchors.size())) return;
+  const ChainState<SE2>& here = anchors.rbegin()->second.state;
+  EXPECT_TRUE(member.manager.publish_absolute_fix(here, SE2::Point::Zero(), member.truth() * SE2::Point(0.0, 0.0),
+                                                  SE2::PointCovariance::Identity()));
+}
+
 // Orders hand over every fact once; the maps that come back are those of a rebuild.
 TEST(MapOrders, AmountToTheMapsOfRebuilds) {
   InProcessNetwork<SE2> network;
   std::vector<std::unique_ptr<test::MemberOf<SE2>>> members;
-  for (const VehicleId v : {1U, 2U, 3U}) members.push_back(std::make_unique<test::MemberOf<SE2>>(v, network.join()));
+  test::MemberOptions options;
+  options.submaps.selection.fix_correlation_s = 5.0;
+  for (const VehicleId v : {1U, 2U, 3U})
+    members.push_back(std::make_unique<test::MemberOf<SE2>>(v, network.join(), options));
   SubmapManager<SE2>& manager = members.front()->manager;
-  MapWorker<SE2> worker({}, manager.backend());
+  MapWorker<SE2> worker(options.submaps, manager.backend());
+  std::vector<std::size_t> closed(members.size(), 1);  // the start is no closing
+  // One that is held before the first order.
+  ASSERT_TRUE(manager.publish_absolute_fix(members.front()->front_end_component.exportable_state(), SE2::Point::Zero(),
+                                           members.front()->script.front().truth.translation(),
+                                           SE2::PointCovariance::Identity()));
   std::size_t handed_over = 0, maps = 0;
   std::optional<BuiltMap<SE2>> first;
   double now_s = 0.0;
   for (int k = 0; k < 140; ++k, now_s += 0.5) {
     for (std::size_t m = 0; m < members.size(); ++m) {
       members[m]->drive();
+      fix_at_closings(*members[m], closed[m]);
       members[m]->manager.step(now_s);
       members[m]->association.step();
       if (m > 0) members[m]->manager.rebuild(now_s);
@@ -198,13 +217,14 @@ TEST(MapOrders, AmountToTheMapsOfRebuilds) {
     EXPECT_EQ(manager.map().facts, manager.store().digest());
     if (maps % 8 == 0) {
       EXPECT_EQ(manager.map().map->digest(),
-                build_global_map(manager.store(), SelectionParams{}, SparseMap<SE2>()).map->digest());
+                build_global_map(manager.store(), options.submaps.selection, SparseMap<SE2>()).map->digest());
     }
   }
   EXPECT_GT(maps, 10U);
   EXPECT_EQ(handed_over, manager.store().size());
   EXPECT_EQ(manager.map().map->digest(), members[1]->map_digest());
   EXPECT_FALSE(manager.map().selection.classes.empty());
+  EXPECT_GE(manager.map().map->problem().fixes.size(), 12U);
   // An order that comes back late does not undo a map of more facts.
   const Hash newest = manager.map().map->digest();
   const Hash late = first->map.map->digest();

@@ -69,11 +69,15 @@ TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
   c.first_epoch = 12;
   c.impairment.jitter_s = 0.1;
   c.vehicle.submaps.map_period_s = 1.0 / 3.0;
+  c.vehicle.submaps.selection.common_frame_is_enu = true;
+  c.sensors.fix_lever_x_m = -1.25;
   save_vehicle_config(c, file_);
   const VehicleConfig back = load_vehicle_config(file_);
   EXPECT_EQ(back.first_epoch, 12U);
   EXPECT_EQ(back.impairment.jitter_s, 0.1);
   EXPECT_EQ(back.vehicle.submaps.map_period_s, 1.0 / 3.0);
+  EXPECT_TRUE(back.vehicle.submaps.selection.common_frame_is_enu);
+  EXPECT_EQ(back.sensors.fix_lever_x_m, -1.25);
 }
 
 TEST_F(VehicleConfigTest, NothingButOneRootIsAccepted) {
@@ -131,6 +135,11 @@ INSTANTIATE_TEST_SUITE_P(
                     OutOfRange{"sensors", "rate=\"-3\"", "<sensors rate> must be > 0"},
                     OutOfRange{"sensors", "rate=\"inf\"", "<sensors rate>: 'inf' is no finite number"},
                     OutOfRange{"sensors", "start_unix_s=\"-1\"", "must be >= 0"},
+                    OutOfRange{"sensors", "fix_lever_x_m=\"101\"", "<sensors fix_lever_x_m> must lie in -100..100 m"},
+                    OutOfRange{"sensors", "fix_lever_y_m=\"-1e9\"", "<sensors fix_lever_y_m> must lie in -100..100 m"},
+                    OutOfRange{"map", "fix_correlation_s=\"-1\"", "<map fix_correlation_s> must be >= 0"},
+                    OutOfRange{"map", "fix_residual=\"1\"", "<map fix_residual> must lie in (0, 1)"},
+                    OutOfRange{"map", "backend=\"ekf\" common_frame_is_enu=\"true\"", "takes no absolute fixes"},
                     OutOfRange{"impairment", "loss=\"1\"", "loss is 1; it must lie in [0, 1)"},
                     OutOfRange{"impairment", "duplicate=\"-0.5\"", "it must lie in [0, 1]"},
                     OutOfRange{"impairment", "jitter_s=\"1e9\"", "it must lie in [0, 3600] s"},

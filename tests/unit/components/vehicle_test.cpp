@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <thread>
@@ -86,6 +87,45 @@ class VehicleTest : public ::testing::Test {
   InProcessNetwork<SE2> network_;
   std::unique_ptr<Vehicle<SE2>> vehicle_;
 };
+
+TEST_F(VehicleTest, AbsoluteFixesBecomeFactsAndUnfitOnesAreCounted) {
+  const SE2::PointCovariance metre = SE2::PointCovariance::Identity();
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre)) << "unconfigured";
+  vehicle().configure();
+  close_segment();
+  const auto published = vehicle().snapshot().submaps.facts_published;
+  EXPECT_TRUE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre));
+  EXPECT_EQ(vehicle().snapshot().submaps.facts_published, published + 1);
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {NAN, 200.0}, metre));
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, -metre));
+  EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {1e9, 200.0}, metre));
+  EXPECT_EQ(vehicle().snapshot().submaps.facts_unfit, 3U);
+  EXPECT_TRUE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre)) << "fit, and not needed";
+  EXPECT_EQ(vehicle().snapshot().submaps.fixes_thinned, 1U);
+  EXPECT_EQ(vehicle().snapshot().submaps.facts_published, published + 1);
+}
+
+/// Knows where it is by landmarks that it has exported.
+class RemembersWhatHasLeft final : public FrontEnd<SE2> {
+ public:
+  FrontEndState<SE2> state() const override { return {10.0, 5.0, SE2(1.0, 0.0, 0.0)}; }
+  FrontEndState<SE2> exportable_state() const override { return {10.0, 5.0, SE2(3.5, 0.0, 0.0)}; }
+  std::vector<Segment<SE2>> take_segments() override { return {}; }
+};
+
+TEST_F(VehicleTest, AnAbsoluteFixIsStatedByWhatFactsMayUse) {
+  RemembersWhatHasLeft slam;
+  Vehicle<SE2> vehicle(params_, slam, [this] { return network_.join(); }, clock_s);
+  vehicle.configure();
+  ASSERT_TRUE(vehicle.feed_absolute_fix({0.0, 0.0}, {1.0, 2.0}, SE2::PointCovariance::Identity()));
+  vehicle.inspect([](SubmapManager<SE2>& manager, FrontEndComponent<SE2>& front_end) {
+    const ChainState<SE2>& stated = manager.store().chains().at(manager.self()).absolute_fixes.at(0).state;
+    EXPECT_EQ(stated.stamp_s, 10.0);
+    EXPECT_EQ(stated.pose.translation().x(), 2.5);
+    EXPECT_EQ(front_end.state().stamp_s, 10.0);
+    EXPECT_EQ(front_end.state().pose.translation().x(), 0.0);
+  });
+}
 
 TEST_F(VehicleTest, CallsInTheWrongStateThrowAndChangeNothing) {
   auto& v = vehicle();

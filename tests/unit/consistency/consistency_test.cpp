@@ -176,8 +176,8 @@ TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
       print(("a street that repeats itself, batches: " + std::to_string(batches)).c_str(), s);
       EXPECT_GT(s.false_stated, slam_runs / 4) << "no double was ever seen";
       EXPECT_EQ(s.false_fusions, 0);
-      EXPECT_LE(s.anees, 1.15);
-      EXPECT_GE(s.coverage95, 0.93);
+      EXPECT_LE(s.anees, 1.5);  // with few batches these are 60 draws from static biases: 1 +- 0.2; a wrong fusion: hundreds
+      EXPECT_GE(s.coverage95, 0.9);
     }
   }
 }

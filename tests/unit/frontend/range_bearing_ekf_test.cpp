@@ -297,6 +297,32 @@ TEST(RangeBearingEkf, AFrozenLandmarkHasLeftAndItsSightingsServeOnce) {
   EXPECT_TRUE(segments[0].landmarks.empty());
 }
 
+// R5: what a fact between anchors may say is what a filter without memory says.
+TEST(RangeBearingEkf, TheExportableStateKnowsNothingByLandmarksThatHaveLeft) {
+  RangeBearingEkfParams forgets = test::quiet_params();
+  forgets.max_remembered = 0;
+  test::RangeBearingWorld with(test::quiet_params(), 3), without(forgets, 3);
+  with.drive(70.0, 0.04);
+  without.drive(70.0, 0.04);
+  ASSERT_FALSE(with.filter().take_segments().empty());
+  EXPECT_TRUE(identical(with.filter().exportable_state(), without.filter().exportable_state()));
+  EXPECT_TRUE(identical(without.filter().state(), without.filter().exportable_state()));
+  EXPECT_FALSE(identical(with.filter().state(), with.filter().exportable_state()));
+}
+
+TEST(RangeBearingEkf, MovesOnWithTimeAlone) {
+  RangeBearingEkf ekf(test::quiet_params());
+  ekf.on_odometry(1.0, 2.0, 0.0);
+  EXPECT_TRUE(ekf.on_time(1.5));
+  EXPECT_DOUBLE_EQ(ekf.state().abscissa_m, 1.0);
+  EXPECT_DOUBLE_EQ(ekf.state().pose.translation().x(), 1.0);
+  const auto before = ekf.state();
+  EXPECT_FALSE(ekf.on_time(1.4));
+  EXPECT_FALSE(ekf.on_time(nan));
+  EXPECT_FALSE(ekf.on_time(infinity));
+  EXPECT_TRUE(identical(ekf.state(), before));
+}
+
 TEST(RangeBearingEkf, FreezesNothingWithoutParallaxOrEnoughSightings) {
   RangeBearingEkfParams params = test::quiet_params();
   params.min_sightings = 12;  // it has 11

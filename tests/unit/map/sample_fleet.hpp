@@ -10,6 +10,7 @@
 
 #include <cmath>
 #include <map>
+#include <optional>
 #include <type_traits>
 #include <vector>
 
@@ -112,6 +113,29 @@ class SampleFleetOf {
     facts.emplace_back(verdict(author, verdicts_[author]++, hypothesis, veto));
   }
 
+  /// A receiver says where its antenna was at that anchor, east-north(-up) being enu_of_world() of the world. `error`: of
+  /// the position [m]. `hung_on`: the anchor to refer to, if it is another one before.
+  Key fix(const Key& at, const typename G::Point& error, double sigma_m, std::optional<std::uint32_t> hung_on = {}) {
+    const VehicleId v = at.chain.vehicle;
+    AbsoluteFixFact<G> f{key_of(v, fixes_[v]++), hung_on.value_or(at.index), anchor(at).state};
+    f.lever.setConstant(0.5);
+    f.position = enu_of_world() * (truth.at(at) * f.lever) + error;
+    f.covariance = sigma_m * sigma_m * G::PointCovariance::Identity();
+    facts.emplace_back(f);
+    return f.key;
+  }
+  Key fix(const Key& at, double sigma_m, std::optional<std::uint32_t> hung_on = {}) {
+    const typename G::Point error = scale_ * sigma_m * random_.unit_normal<G::Dim>();
+    return fix(at, error, sigma_m, hung_on);
+  }
+  /// Turned about z, and far away.
+  static G enu_of_world() {
+    typename G::Tangent turn = G::Tangent::Zero(), shift = G::Tangent::Zero();
+    turn[G::Dof - 1] = 0.8;
+    shift.template head<2>() << 300.0, -120.0;
+    return G::Exp(shift) * G::Exp(turn);
+  }
+
   FactStore<G> store() const { return store_of(facts); }
   static FactStore<G> store_of(const std::vector<FactOf<G>>& list) {
     FactStore<G> store;
@@ -136,7 +160,7 @@ class SampleFleetOf {
   std::map<VehicleId, Chain> chains_;
   std::map<VehicleId, std::vector<AnchorFact<G>>> anchors_;
   std::map<Key, std::map<std::size_t, Key>> landmarks_;
-  std::map<VehicleId, std::uint32_t> associations_, verdicts_;
+  std::map<VehicleId, std::uint32_t> associations_, verdicts_, fixes_;
 };
 
 using SampleFleet = SampleFleetOf<SE2>;

@@ -249,7 +249,7 @@ TEST(Select, TakesTheStrongestFirstWhateverTheOrderOfArrival) {
 TEST(Select, LeavesOutWhatTheMapExcluded) {
   Place place;
   const Hash id = place.fleet.associate(1, place.common(0, 1));
-  const auto selection = select(place.fleet.store(), unconfirmed_too, Exclusions{{id}, {}});
+  const auto selection = select(place.fleet.store(), unconfirmed_too, Exclusions{{id}, {}, {}});
   EXPECT_EQ(state_of(selection, id), HypothesisState::map_residual);
   EXPECT_TRUE(selection.classes.empty());
 }

@@ -4,6 +4,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cmath>
+
 #include <algorithm>
 #include <limits>
 #include <random>
@@ -393,6 +395,31 @@ TEST(FactStoreInSpace, RefusesWhatIsNotFiniteInAnyCoordinate) {
   EXPECT_EQ(store.insert(good), Insertion::duplicate);
   good.state.pose = good.state.pose * SE3({1.0, 1e-9, 0.0, 0.0}, SE3::Point::Zero());
   EXPECT_EQ(store.insert(good), Insertion::conflict);
+}
+
+TEST(FactStore, RefusesAbsoluteFixesThatCannotBe) {
+  test::Store store;
+  const AbsoluteFixFact<SE2> good = test::absolute_fix(3, 2);
+  const auto spoilt = [&](auto spoil) {
+    AbsoluteFixFact<SE2> fact = good;
+    spoil(fact);
+    return store.check(fact);
+  };
+  EXPECT_EQ(spoilt([](auto& f) { f.key.chain.vehicle = 0; }), Insertion::malformed);
+  EXPECT_EQ(spoilt([](auto& f) { f.position[1] = NAN; }), Insertion::not_finite);
+  EXPECT_EQ(spoilt([](auto& f) { f.lever[0] = INFINITY; }), Insertion::not_finite);
+  EXPECT_EQ(spoilt([](auto& f) { f.state.stamp_s = NAN; }), Insertion::not_finite);
+  EXPECT_EQ(spoilt([](auto& f) { f.covariance(0, 0) = -1.0; }), Insertion::not_covariance);
+  EXPECT_EQ(spoilt([](auto& f) { f.covariance(0, 1) += 0.1; }), Insertion::not_covariance);
+  EXPECT_EQ(spoilt([](auto& f) { f.state.drift(0, 0) = -1.0; }), Insertion::not_covariance);
+  EXPECT_EQ(spoilt([](auto& f) { f.position[0] = 1e7; }), Insertion::out_of_range);
+  EXPECT_EQ(spoilt([](auto& f) { f.lever[0] = -1e7; }), Insertion::out_of_range);
+  EXPECT_EQ(spoilt([](auto& f) { f.state.abscissa_m = -1.0; }), Insertion::out_of_range);
+  EXPECT_EQ(spoilt([](auto& f) { f.anchor = 0xffffffffU; }), Insertion::out_of_range);
+  EXPECT_EQ(store.insert(good), Insertion::inserted);
+  EXPECT_EQ(store.insert(good), Insertion::duplicate);
+  EXPECT_EQ(store.missing(good.key.chain, FactKind::anchor), (std::vector<IndexRange>{{0, 3}})) << "its anchor is known to exist";
+  EXPECT_EQ(store.missing(good.key.chain, FactKind::absolute_fix), (std::vector<IndexRange>{{0, 2}}));
 }
 
 }  // namespace

@@ -158,5 +158,30 @@ TEST(ContentHash, DependsOnOrderAndWidth) {
   EXPECT_NE(ContentHash().add(std::uint64_t{1}, 4).value(), ContentHash().add(std::uint64_t{1}, 8).value());
 }
 
+TEST(FactHash, OfAnAbsoluteFixCoversEveryField) {
+  const AbsoluteFixFact<SE2> good = test::absolute_fix(3, 2);
+  std::set<Hash> hashes{hash_of(good)};
+  const auto spoilt = [&](auto spoil) {
+    AbsoluteFixFact<SE2> fact = good;
+    spoil(fact);
+    EXPECT_TRUE(hashes.insert(hash_of(fact)).second);
+  };
+  spoilt([](auto& f) { ++f.key.chain.vehicle; });
+  spoilt([](auto& f) { ++f.key.chain.epoch; });
+  spoilt([](auto& f) { ++f.key.index; });
+  spoilt([](auto& f) { ++f.anchor; });
+  spoilt([](auto& f) { f.state.stamp_s += 1e-9; });
+  spoilt([](auto& f) { f.state.abscissa_m += 1e-9; });
+  spoilt([](auto& f) { f.state.pose = f.state.pose * SE2(0.0, 0.0, 1e-9); });
+  spoilt([](auto& f) { f.state.drift(2, 2) += 1e-9; });
+  for (int i = 0; i < 2; ++i) {
+    spoilt([i](auto& f) { f.lever[i] += 1e-9; });
+    spoilt([i](auto& f) { f.position[i] += 1e-9; });
+    spoilt([i](auto& f) { f.covariance(i, i) += 1e-9; });
+  }
+  spoilt([](auto& f) { f.covariance(0, 1) += 1e-9; });
+  EXPECT_EQ(hash_of(good), hash_of(test::absolute_fix(3, 2)));
+}
+
 }  // namespace
 }  // namespace convoy
