@@ -79,6 +79,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
 
   AssociationParams& a = v.association;
   visit("association", "compatibility", a.constraints.compatibility);
+  visit("association", "loop", a.constraints.loop);
   visit("association", "distance", a.constraints.distance);
   visit("association", "min_distance_m", a.constraints.min_distance_m);
   visit("association", "literal_search", a.literal_search);

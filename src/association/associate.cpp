@@ -56,7 +56,9 @@ class Associator {
  public:
   Associator(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
              const AssociationParams& params)
-      : a_(a), b_(b), prior_(prior), params_(params), table_a_(a), table_b_(b),
+      : a_(a), b_(b), prior_(prior), params_(params),
+        compatibility_(a.anchor.chain == b.anchor.chain ? params.constraints.loop : params.constraints.compatibility),
+        table_a_(a), table_b_(b),
         binary_(table_a_, table_b_, params.constraints), gate_chi2_(chi2_quantile(params.pairing, G::Dim)),
         doubt_chi2_(chi2_quantile(params.residual, G::Dim)) {}
 
@@ -94,7 +96,7 @@ class Associator {
   }
 
   CompatibilityGraph build_graph() const {
-    const IndividualCompatibility<G> unary(prior_, params_.constraints);
+    const IndividualCompatibility<G> unary(prior_, compatibility_);
     std::vector<IndexPairing> candidates;
     for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
       for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
@@ -106,7 +108,7 @@ class Associator {
 
   SearchResult search(const CompatibilityGraph& graph) const {
     if (!params_.literal_search) return gcbb(graph, params_.max_nodes);
-    const IndividualCompatibility<G> unary(prior_, params_.constraints);
+    const IndividualCompatibility<G> unary(prior_, compatibility_);
     SearchResult found = gcbb_literal(
         static_cast<int>(b_.landmarks.size()), static_cast<int>(a_.landmarks.size()),
         [&](int j, int i) { return unary(in_a(i), in_b(j)); },
@@ -190,7 +192,7 @@ class Associator {
       IndexPairing pairing;
       auto operator<=>(const Scored&) const = default;
     };
-    const IndividualCompatibility<G> unary(prior_, params_.constraints);
+    const IndividualCompatibility<G> unary(prior_, compatibility_);
     std::vector<Scored> scored;
     for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
       for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j) {
@@ -216,7 +218,7 @@ class Associator {
     if (!prior_) return true;
     const typename G::Tangent r = (prior_->mean.inverse() * result_.alignment.T_a_b).Log();
     return squared_mahalanobis(r, typename G::Covariance(prior_->covariance + result_.alignment.covariance())) <
-           chi2_quantile(params_.constraints.compatibility, G::Dof);
+           chi2_quantile(compatibility_, G::Dof);
   }
 
   // Every compatible pair of pairings (three in space) proposes one alignment; each other landmark agrees with it by
@@ -253,6 +255,7 @@ class Associator {
   const Batch<G>& b_;
   const std::optional<RelativePrior<G>>& prior_;
   const AssociationParams& params_;
+  double compatibility_;
   DistanceTable table_a_, table_b_;
   DistanceCompatibility binary_;
   double gate_chi2_, doubt_chi2_;
@@ -265,7 +268,7 @@ class Associator {
 
 void validate(const AssociationParams& p) {
   const auto share = [](double x) { return x > 0.0 && x < 1.0; };
-  if (!share(p.constraints.compatibility) || !share(p.constraints.distance) || !share(p.residual) ||
+  if (!share(p.constraints.compatibility) || !share(p.constraints.loop) || !share(p.constraints.distance) || !share(p.residual) ||
       !share(p.pairing) || !share(p.separation))
     throw ConfigError("association: confidences must lie in (0, 1)");
   if (!(p.constraints.min_distance_m >= 0.0)) throw ConfigError("association: min_distance_m must be >= 0");

@@ -23,7 +23,7 @@ struct AssociationParams {
   double max_false_alarms = 1e-5;      ///< expected number of alignments as good by chance, at the local density
   // A second, incompatible alignment makes the first one ambiguous if ...
   double max_runner_up_share = 0.7;    ///< ... it has more than this share of the first one's support, or
-  double min_runner_up_false_alarms = 1.0;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
+  double min_runner_up_false_alarms = 1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
 };
 
 /// Throws ConfigError when a value is out of its range.

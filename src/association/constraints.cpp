@@ -86,9 +86,8 @@ Batch<G> batch_of(const FactStore<G>& store, const Key& anchor) {
 }
 
 template <class G>
-IndividualCompatibility<G>::IndividualCompatibility(const std::optional<RelativePrior<G>>& prior,
-                                                    const ConstraintParams& params)
-    : prior_(prior), threshold_(chi2_quantile(params.compatibility, G::Dim)) {}
+IndividualCompatibility<G>::IndividualCompatibility(const std::optional<RelativePrior<G>>& prior, double confidence)
+    : prior_(prior), threshold_(chi2_quantile(confidence, G::Dim)) {}
 
 template <class G>
 bool IndividualCompatibility<G>::operator()(const LandmarkFact<G>& i, const LandmarkFact<G>& j) const {

@@ -14,7 +14,9 @@
 namespace convoy {
 
 struct ConstraintParams {
-  double compatibility = 0.9999; ///< chi-square confidence of eq. 5 (the paper: 0.95); what lies beyond is never looked at
+  double compatibility = 0.9999; ///< chi-square confidence of eq. 5 between vehicles (the paper: 0.95). A start beyond it is
+                                 ///< never found, and what looks the same within it would be taken instead
+  double loop = 0.99;            ///< the same within a chain, where drift leaves little room for that
   double distance = 0.99;        ///< confidence that two distances are the same, 1 dof, from both covariances
   double min_distance_m = 0.3;   ///< pairs closer than this say nothing about geometry and are not compared
 };
@@ -60,7 +62,7 @@ Batch<G> batch_of(const FactStore<G>& store, const Key& anchor);
 template <class G>
 class IndividualCompatibility {
  public:
-  IndividualCompatibility(const std::optional<RelativePrior<G>>& prior, const ConstraintParams& params);
+  IndividualCompatibility(const std::optional<RelativePrior<G>>& prior, double confidence);
   bool operator()(const LandmarkFact<G>& i, const LandmarkFact<G>& j) const;
 
  private:

@@ -77,6 +77,7 @@ void tune_for_mrclam(VehicleConfig& c) {
   f.min_batch = 13;
   f.max_segment_length_m = 60.0;
   f.trail_spacing_m = 0.3;
+  c.vehicle.drift.rate = {1e-4, 1e-4, 1e-6};  // small robots on a floor, by their commanded velocities: wider than the default
 }
 
 void use_paper_method(VehicleConfig& c) {

@@ -18,7 +18,8 @@ class Closures {
     // Hypotheses come strongest first, so the first of a closing batch is the one to keep.
     for (const Hypothesis<G>& h : selection.hypotheses) {
       const AnchorFact<G>*a = store.anchor(h.batch_a), *b = store.anchor(h.batch_b);
-      if (h.state != HypothesisState::accepted || a == nullptr || b == nullptr) continue;
+      const bool stands = h.state == HypothesisState::accepted || h.state == HypothesisState::doubtful;
+      if (!stands || a == nullptr || b == nullptr) continue;
       // Of a closure within the chain the later batch closed it; between chains, the one of this chain counts.
       of_[h.batch_b.chain].try_emplace({b->state.abscissa_m, h.batch_b}, &h);
       if (h.batch_a.chain != h.batch_b.chain) of_[h.batch_a.chain].try_emplace({a->state.abscissa_m, h.batch_a}, &h);

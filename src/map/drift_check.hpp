@@ -11,7 +11,7 @@
 
 namespace convoy {
 
-/// Lag-1 correlation of the whitened innovations of the accepted hypotheses that involve `chain`, in the order of
+/// Lag-1 correlation of the whitened innovations of the hypotheses that stand and involve `chain`, in the order of
 /// driving; of each batch that closed a loop only its strongest hypothesis, and the latest `most` of them. A persistent
 /// error (scale of an odometer, rate of a gyro) makes neighbours alike. Of a closure between two vehicles either may be
 /// the one.

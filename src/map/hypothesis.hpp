@@ -18,10 +18,11 @@ enum class HypothesisState : std::uint8_t {
   outvoted,        ///< it contradicts a heavier set of hypotheses between the same two chains
   ambiguous,       ///< the two chains fit together in two ways, and neither outweighs the other
   unconfirmed,     ///< the only one between two chains, and a place that looks the same could be out of sight
+  doubtful,        ///< it stands, but its landmarks could each be another: too few are left to tie its batches
   class_conflict,  ///< it would make two landmarks of one batch the same
   map_residual,    ///< it contradicts the rest of the map
 };
-inline constexpr int hypothesis_state_count = 11;
+inline constexpr int hypothesis_state_count = 12;
 /// The word that reports use.
 const char* to_string(HypothesisState state);
 

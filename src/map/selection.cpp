@@ -185,6 +185,7 @@ const char* to_string(HypothesisState state) {
     case HypothesisState::outvoted: return "outvoted";
     case HypothesisState::ambiguous: return "ambiguous";
     case HypothesisState::unconfirmed: return "unconfirmed";
+    case HypothesisState::doubtful: return "doubtful";
     case HypothesisState::class_conflict: return "class_conflict";
     case HypothesisState::map_residual: return "map_residual";
   }
@@ -243,14 +244,23 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
   return ends(HypothesisState::accepted);
 }
 
+// Both between the same two chains. Of two that pair a landmark differently one is wrong, however near they are.
+template <class G>
+bool Selector<G>::hold_together(const FactStore<G>& store, const Examined& h, const Examined& k) const {
+  const Hypothesis<G>&x = h.hypothesis, &y = k.hypothesis;
+  if (x.batch_a == y.batch_a && x.batch_b == y.batch_b)
+    for (const auto& [a, b] : h.pairs)
+      for (const auto& [c, d] : k.pairs)
+        if ((a == c) != (b == d)) return false;
+  return loop_chi2(store, x, y, params_.slack) < chi2_quantile(params_.map_residual, G::Dof);
+}
+
 // Its number among the hypotheses between its two chains.
 template <class G>
-std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Hypothesis<G>& h) {
-  Group& group = groups_[{h.batch_a.chain, h.batch_b.chain}];
+std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Examined& fresh) {
+  Group& group = groups_[{fresh.hypothesis.batch_a.chain, fresh.hypothesis.batch_b.chain}];
   std::vector<bool> together;
-  for (const Hash other : group.members)
-    together.push_back(loop_chi2(store, examined_.at(other).hypothesis, h, params_.slack) <
-                       chi2_quantile(params_.map_residual, G::Dof));
+  for (const Hash other : group.members) together.push_back(hold_together(store, examined_.at(other), fresh));
   group.members.push_back(id);
   group.together.add(std::move(together));
   return group.members.size() - 1;
@@ -334,7 +344,7 @@ const typename Selector<G>::Examined& Selector<G>::examine(const FactStore<G>& s
   Examined& known = examined_[h.id];
   if (known.hypothesis.state != HypothesisState::waiting) return known;
   known = examined(store, h.pairings);
-  if (known.hypothesis.state == HypothesisState::accepted) known.member = join_group(store, h.id, known.hypothesis);
+  if (known.hypothesis.state == HypothesisState::accepted) known.member = join_group(store, h.id, known);
   return known;
 }
 
@@ -365,20 +375,22 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
       h.alignment = known.alignment;
     }
   }
-  find_consensus(selection.hypotheses);
-  Classes classes(batch_of_);
   std::vector<bool> left_out(landmarks_.size(), false);
   for (const Key& key : excluded.landmarks)
     if (const auto it = landmark_number_.find(key); it != landmark_number_.end())
       left_out[static_cast<std::size_t>(it->second)] = true;
-  std::vector<std::pair<int, int>> fitting;
+  std::unordered_map<Hash, std::vector<std::pair<int, int>>> fitting;
   for (Hypothesis<G>& h : selection.hypotheses) {
     if (h.state != HypothesisState::accepted) continue;
-    fitting.clear();
+    std::vector<std::pair<int, int>>& pairs = fitting[h.id];
     for (const auto& [a, b] : examined_.at(h.id).pairs)
-      if (!left_out[static_cast<std::size_t>(a)] && !left_out[static_cast<std::size_t>(b)]) fitting.emplace_back(a, b);
-    if (!classes.join(fitting)) h.state = HypothesisState::class_conflict;
+      if (!left_out[static_cast<std::size_t>(a)] && !left_out[static_cast<std::size_t>(b)]) pairs.emplace_back(a, b);
+    if (static_cast<int>(pairs.size()) < G::Dim) h.state = HypothesisState::doubtful;  // fixes no motion any more
   }
+  find_consensus(selection.hypotheses);
+  Classes classes(batch_of_);
+  for (Hypothesis<G>& h : selection.hypotheses)
+    if (h.state == HypothesisState::accepted && !classes.join(fitting.at(h.id))) h.state = HypothesisState::class_conflict;
   selection.classes = classes.sorted(landmarks_);
   ContentHash hash;
   for (const auto& members : selection.classes) {

@@ -76,7 +76,8 @@ class Selector {
   void read(const FactStore<G>& store);
   const Examined& examine(const FactStore<G>& store, const Hypothesis<G>& hypothesis);
   Examined examined(const FactStore<G>& store, const std::vector<Pairing>& pairings);
-  std::size_t join_group(const FactStore<G>& store, Hash id, const Hypothesis<G>& examined);
+  std::size_t join_group(const FactStore<G>& store, Hash id, const Examined& examined);
+  bool hold_together(const FactStore<G>& store, const Examined& h, const Examined& k) const;
   using ByChains = std::map<std::pair<ChainId, ChainId>, std::vector<Hypothesis<G>*>>;
   void find_consensus(std::vector<Hypothesis<G>>& hypotheses);
   void demand_confirmation(const ByChains& standing) const;

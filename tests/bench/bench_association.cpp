@@ -52,7 +52,7 @@ void BM_gcbb(benchmark::State& state) {
   const ConstraintParams params;
   const DistanceTable of_fresh(planted.fresh), of_map(planted.map);
   const DistanceCompatibility binary(of_fresh, of_map, params);
-  const IndividualCompatibility<SE2> unary({}, params);
+  const IndividualCompatibility<SE2> unary({}, params.compatibility);
   const auto individually = [&](int i, int j) {
     return unary(planted.map.landmarks[static_cast<std::size_t>(j)],
                  planted.fresh.landmarks[static_cast<std::size_t>(i)]);

@@ -113,12 +113,10 @@ TEST(BatchOf, IsInIndexOrderWhateverCameFirst) {
 }
 
 TEST(IndividualCompatibility, DrawsTheLineOfEquation5) {
-  ConstraintParams params;
-  params.compatibility = 0.95;
   RelativePrior<SE2> prior{SE2(10.0, -3.0, 0.7), SE2::Covariance::Zero()};
   prior.covariance.diagonal() << 4.0, 1.0, 0.0;
   prior.covariance(0, 1) = prior.covariance(1, 0) = 0.5;
-  const IndividualCompatibility<SE2> compatible(prior, params);
+  const IndividualCompatibility<SE2> compatible(prior, 0.95);
   LandmarkFact<SE2> i, j;
   j.position = {5.0, 2.0};
   i.covariance << 0.3, 0.1, 0.1, 0.2;
@@ -139,7 +137,7 @@ TEST(IndividualCompatibility, DrawsTheLineOfEquation5) {
 TEST(IndividualCompatibility, AnUncertainHeadingMovesWhatIsFarAway) {
   RelativePrior<SE2> prior{SE2(), SE2::Covariance::Zero()};
   prior.covariance(2, 2) = 0.01;  // 0.1 rad
-  const IndividualCompatibility<SE2> compatible(prior, {});
+  const IndividualCompatibility<SE2> compatible(prior, 0.99);
   LandmarkFact<SE2> i, j;
   i.covariance = j.covariance = 0.01 * Eigen::Matrix2d::Identity();
   j.position = {50.0, 0.0};
@@ -153,7 +151,7 @@ TEST(IndividualCompatibility, AnUncertainHeadingMovesWhatIsFarAway) {
 }
 
 TEST(IndividualCompatibility, WithoutAPriorEverythingIs) {
-  const IndividualCompatibility<SE2> compatible(std::nullopt, {});
+  const IndividualCompatibility<SE2> compatible(std::nullopt, 0.99);
   LandmarkFact<SE2> i, j;
   i.position = {1e5, 1e5};
   EXPECT_TRUE(compatible(i, j));
