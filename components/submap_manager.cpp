@@ -315,6 +315,7 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
       if (mark.count != mark.high_water) reasons |= reason_missing_facts;
   }
   if (map_.drift_alarms.count(chain) != 0) reasons |= reason_drift;
+  if (!map_.map->aligned(chain) && map_.unsettled.count(chain) != 0) reasons |= reason_ambiguous;
   if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0) reasons |= reason_impersonated;
   if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
     reasons |= peer->second.live->reasons & reason_impersonated;  // nobody but the vehicle itself can know

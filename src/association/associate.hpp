@@ -51,7 +51,7 @@ struct AssociationResult {
   Decision decision = Decision::none;
   Rejection rejection = Rejection::not_rejected;
   std::vector<Pairing> pairings;     ///< canonical; the best set also when it was not accepted
-  std::vector<Pairing> runner_up_pairings;  ///< canonical; the best set elsewhere that is no chance either
+  std::vector<Pairing> runner_up_pairings;  ///< canonical; if ambiguous, the best set elsewhere
   Alignment<G> alignment;            ///< T_a_b of that set
   int support = 0;                   ///< number of pairings
   int runner_up = 0;                 ///< support of the best alignment elsewhere

@@ -4,12 +4,14 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 namespace convoy {
 namespace {
 
-// Effect of a wrong scale and of a turning gyro on the end of a motion, right perturbation (A_k of DESIGN B1.3).
+// Effect of a wrong scale and of a turning gyro on the end of a motion, right perturbation: A_k of DESIGN B1.3, which takes
+// the way for straight. A way that comes back has its end moved by up to half of what a straight one would have.
 template <class G>
 typename G::Covariance slack_covariance(const G& motion, double length_m, const DriftSlack& slack) {
   constexpr int Rot = G::Dof - G::Dim;
@@ -28,6 +30,8 @@ typename G::Covariance slack_covariance(const G& motion, double length_m, const 
     by_heading.template head<G::Dim>() *= 0.5 * slack.heading_rad_per_m * length_m;
     C += by_heading * by_heading.transpose();
   }
+  const double turn = slack.heading_rad_per_m * length_m;
+  C.diagonal().template head<G::Dim>().array() += turn * turn * std::max(0.0, length_m * length_m - t.squaredNorm()) / 16.0;
   return C;
 }
 

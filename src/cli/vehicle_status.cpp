@@ -11,13 +11,14 @@ using nlohmann::json;
 
 json reason_names(std::uint32_t reasons) {
   json names = json::array();
-  const std::array<std::pair<std::uint32_t, const char*>, 7> table{{{reason_innovation, "innovation"},
+  const std::array<std::pair<std::uint32_t, const char*>, 8> table{{{reason_innovation, "innovation"},
                                                                     {reason_disagreement, "disagreement"},
                                                                     {reason_stale_peer, "stale_peer"},
                                                                     {reason_equivocation, "equivocation"},
                                                                     {reason_missing_facts, "missing_facts"},
                                                                     {reason_impersonated, "impersonated"},
-                                                                    {reason_drift, "drift"}}};
+                                                                    {reason_drift, "drift"},
+                                                                    {reason_ambiguous, "ambiguous"}}};
   for (const auto& [bit, name] : table)
     if (reasons & bit) names.push_back(name);
   return names;

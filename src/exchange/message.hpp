@@ -28,6 +28,7 @@ enum IntegrityReason : std::uint32_t {
   reason_missing_facts = 1U << 4,  ///< facts are known to exist that have not arrived
   reason_impersonated = 1U << 5,   ///< somebody else has spoken in the vehicle's name: two vehicles have its id
   reason_drift = 1U << 6,          ///< the vehicle's drift is not the white noise it is taken for (lag-1 correlation)
+  reason_ambiguous = 1U << 7,      ///< UNALIGNED though places in common were found: they fit in two ways, or one is all there is
 };
 
 /// Landmarks frozen together, in the frame of one anchor (all of one chain, same `anchor`).

@@ -11,13 +11,15 @@ namespace {
 class CliqueSearch {
  public:
   CliqueSearch(const Relation& related, const std::vector<std::size_t>& elements, const std::vector<int>& weights,
-               std::uint64_t max_nodes)
-      : related_(related), elements_(elements), weights_(weights), max_nodes_(max_nodes) {}
+               std::uint64_t max_lookups)
+      : related_(related), elements_(elements), weights_(weights), max_lookups_(max_lookups) {}
 
   std::vector<std::size_t> run() {
-    std::vector<int> all(elements_.size());
-    for (std::size_t v = 0; v < all.size(); ++v) all[v] = static_cast<int>(v);
-    expand(all, 0);
+    std::vector<int> left(elements_.size());
+    for (std::size_t v = 0; v < left.size(); ++v) left[v] = static_cast<int>(v);
+    take_dominant(left);
+    take_greedily(left);
+    expand(left, base_weight_);
     std::vector<std::size_t> clique;
     for (const int v : best_) clique.push_back(elements_[static_cast<std::size_t>(v)]);
     std::sort(clique.begin(), clique.end());
@@ -27,7 +29,47 @@ class CliqueSearch {
  private:
   int weight(int v) const { return weights_[static_cast<std::size_t>(v)]; }
   bool related(int v, int w) const {
+    ++lookups_;
     return related_(elements_[static_cast<std::size_t>(v)], elements_[static_cast<std::size_t>(w)]);
+  }
+
+  // What outweighs all that it contradicts belongs to a heaviest clique; as a rule that is nearly everything.
+  void take_dominant(std::vector<int>& left) {
+    for (bool taken = true; taken;) {
+      taken = false;
+      for (std::size_t k = 0; k < left.size(); ++k) {
+        const int v = left[k];
+        int against = 0;
+        for (const int w : left)
+          if (w != v && !related(v, w)) against += weight(w);
+        if (against > weight(v)) continue;
+        clique_.push_back(v);
+        base_weight_ += weight(v);
+        std::erase_if(left, [&](int w) { return w == v || !related(v, w); });
+        taken = true;
+        --k;
+      }
+    }
+  }
+
+  // Where the search begins: one after the other that fits, those that contradict least first.
+  void take_greedily(const std::vector<int>& left) {
+    std::vector<int> order = left, against(elements_.size(), 0);
+    for (const int v : left)
+      for (const int w : left)
+        if (w != v && !related(v, w)) against[static_cast<std::size_t>(v)] += weight(w);
+    std::stable_sort(order.begin(), order.end(), [&](int v, int w) {
+      return against[static_cast<std::size_t>(v)] < against[static_cast<std::size_t>(w)];
+    });
+    best_ = clique_;
+    best_weight_ = base_weight_;
+    std::vector<int> taken;
+    for (const int v : order) {
+      if (!std::all_of(taken.begin(), taken.end(), [&](int w) { return related(v, w); })) continue;
+      taken.push_back(v);
+      best_.push_back(v);
+      best_weight_ += weight(v);
+    }
   }
 
   // Of vertices of one colour no two are related, so at most the heaviest of them can be taken.
@@ -64,10 +106,10 @@ class CliqueSearch {
       best_ = clique_;
       best_weight_ = weight_so_far;
     }
-    if (++nodes_ > max_nodes_) return;
+    if (lookups_ > max_lookups_) return;
     const Coloured coloured = colour(candidates);
     for (std::size_t k = coloured.vertices.size(); k-- > 0;) {
-      if (weight_so_far + coloured.bounds[k] <= best_weight_ || nodes_ > max_nodes_) return;
+      if (weight_so_far + coloured.bounds[k] <= best_weight_ || lookups_ > max_lookups_) return;
       const int v = coloured.vertices[k];
       std::vector<int> next;
       for (std::size_t i = 0; i < k; ++i)
@@ -81,9 +123,10 @@ class CliqueSearch {
   const Relation& related_;
   const std::vector<std::size_t>& elements_;
   const std::vector<int>& weights_;
-  std::uint64_t max_nodes_, nodes_ = 0;
+  std::uint64_t max_lookups_;
+  mutable std::uint64_t lookups_ = 0;
   std::vector<int> clique_, best_;
-  int best_weight_ = 0;
+  int base_weight_ = 0, best_weight_ = 0;
 };
 
 // Of (T Exp(e))^-1 T Exp(e) ... : a right perturbation of the left factor, seen behind the right one.
@@ -113,8 +156,8 @@ double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypoth
 }
 
 std::vector<std::size_t> heaviest_clique(const Relation& related, const std::vector<std::size_t>& elements,
-                                         const std::vector<int>& weights, std::uint64_t max_nodes) {
-  return CliqueSearch(related, elements, weights, max_nodes).run();
+                                         const std::vector<int>& weights, std::uint64_t max_lookups) {
+  return CliqueSearch(related, elements, weights, max_lookups).run();
 }
 
 #define CONVOY_INSTANTIATE(G)                                                               \

@@ -36,9 +36,10 @@ class Relation {
 };
 
 /// The heaviest set of elements in which every two are related, ascending; of equally heavy ones the first one found.
-/// weights[i] > 0 is that of elements[i]. Exact, by branch and bound with colouring bounds, within `max_nodes` search nodes,
-/// which elements with few contradictions never need; beyond, the best found until then.
+/// weights[i] > 0 is that of elements[i]. Exact, by branch and bound with colouring bounds, unless that takes more than
+/// `max_lookups` of the relation, which elements with few contradictions never do; beyond, the best found until then, which is
+/// no worse than taking one after the other that fits, those that contradict least first.
 std::vector<std::size_t> heaviest_clique(const Relation& related, const std::vector<std::size_t>& elements,
-                                         const std::vector<int>& weights, std::uint64_t max_nodes = 20'000);
+                                         const std::vector<int>& weights, std::uint64_t max_lookups = 20'000'000);
 
 }  // namespace convoy

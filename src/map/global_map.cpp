@@ -266,6 +266,9 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     const std::size_t before = excluded.size();
     excluded.landmarks.merge(MisfitSearch<G>(store, result.selection, *result.map, params_).run());
     if (excluded.size() != before) continue;
+    for (const Hypothesis<G>& h : result.selection.hypotheses)
+      if (h.state == HypothesisState::ambiguous || h.state == HypothesisState::unconfirmed)
+        result.unsettled.insert({h.batch_a.chain, h.batch_b.chain});
     result.drift_alarms = drift_check_.alarms(store, result.selection);
     return result;
   }

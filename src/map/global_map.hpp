@@ -15,6 +15,7 @@ struct GlobalMap {
   Hash facts = 0;  ///< FactStore::digest() it was built from
   Selection<G> selection;
   std::unique_ptr<Map<G>> map;
+  std::set<ChainId> unsettled = {};     ///< chains of hypotheses that are ambiguous or wait to be confirmed
   std::set<ChainId> drift_alarms = {};  ///< whose closures show drift that is not white (drift_check.hpp)
 };
 

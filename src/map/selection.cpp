@@ -238,7 +238,7 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
   h.alignment = {alignment->T_a_b, alignment->covariance()};
   const auto prior = relative_prior(store, a.anchor, b.anchor, params_.slack);
   result.confined = prior && is_confined(*prior, a, b, chi2_quantile(params_.map_residual, G::Dim));
-  if (prior && prior_chi2(*prior, h.alignment) > chi2_quantile(params_.map_residual, G::Dof))
+  if (prior && !(prior_chi2(*prior, h.alignment) <= chi2_quantile(params_.map_residual, G::Dof)))
     return ends(HypothesisState::prior);
   for (const auto& [ka, kb] : pairings) result.pairs.emplace_back(number(store, ka), number(store, kb));
   return ends(HypothesisState::accepted);
@@ -260,31 +260,47 @@ template <class G>
 std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Examined& fresh) {
   Group& group = groups_[{fresh.hypothesis.batch_a.chain, fresh.hypothesis.batch_b.chain}];
   std::vector<bool> together;
-  for (const Hash other : group.members) together.push_back(hold_together(store, examined_.at(other), fresh));
+  for (const Hash other : group.members) {  // in the order of their ids: the test is symmetric but for rounding and first order
+    const Examined& member = examined_.at(other);
+    together.push_back(other < id ? hold_together(store, member, fresh) : hold_together(store, fresh, member));
+  }
   group.members.push_back(id);
   group.together.add(std::move(together));
   return group.members.size() - 1;
 }
 
+// The heaviest set stands. Each set that contradicts it is weighed against the part of it that it contradicts; if it comes near
+// that, neither is to be trusted, and if that part is most of what stands, nothing is.
 template <class G>
 void Selector<G>::decide(Group& group, const std::vector<int>& weights) const {
-  const std::vector<std::size_t> heaviest = heaviest_clique(group.together, group.active, weights);
-  group.stands.assign(group.members.size(), false);
-  for (const std::size_t member : heaviest) group.stands[member] = true;
+  std::vector<int> weight_of(group.members.size(), 0);
+  for (std::size_t k = 0; k < group.active.size(); ++k) weight_of[group.active[k]] = weights[k];
+  const auto weight = [&](const std::vector<std::size_t>& set) {
+    int sum = 0;
+    for (const std::size_t member : set) sum += weight_of[member];
+    return sum;
+  };
+  const std::vector<std::size_t> standing = heaviest_clique(group.together, group.active, weights);
+  group.state_of.assign(group.members.size(), HypothesisState::outvoted);
+  for (const std::size_t member : standing) group.state_of[member] = HypothesisState::accepted;
   std::vector<std::size_t> others;
-  std::vector<int> other_weights;
-  int weight = 0, second = 0;
-  for (std::size_t k = 0; k < group.active.size(); ++k) {
-    if (group.stands[group.active[k]]) {
-      weight += weights[k];
-    } else {
-      others.push_back(group.active[k]);
-      other_weights.push_back(weights[k]);
+  for (const std::size_t member : group.active)
+    if (group.state_of[member] == HypothesisState::outvoted) others.push_back(member);
+  while (!others.empty()) {
+    std::vector<int> other_weights;
+    for (const std::size_t member : others) other_weights.push_back(weight_of[member]);
+    const std::vector<std::size_t> rivals = heaviest_clique(group.together, others, other_weights);
+    std::vector<std::size_t> contradicted;
+    for (const std::size_t member : standing)
+      if (std::any_of(rivals.begin(), rivals.end(), [&](std::size_t rival) { return !group.together(member, rival); }))
+        contradicted.push_back(member);
+    if (weight(rivals) > params_.max_runner_up_share * weight(contradicted)) {
+      const std::vector<std::size_t>& lost = 2 * weight(contradicted) > weight(standing) ? standing : contradicted;
+      for (const std::size_t member : rivals) group.state_of[member] = HypothesisState::ambiguous;
+      for (const std::size_t member : lost) group.state_of[member] = HypothesisState::ambiguous;
     }
+    std::erase_if(others, [&](std::size_t member) { return std::binary_search(rivals.begin(), rivals.end(), member); });
   }
-  for (const std::size_t member : heaviest_clique(group.together, others, other_weights))
-    second += other_weights[static_cast<std::size_t>(std::find(others.begin(), others.end(), member) - others.begin())];
-  group.ambiguous = second > params_.max_runner_up_share * weight;
 }
 
 // Of the hypotheses between two chains those stand that hold together (DESIGN B5, T3).
@@ -305,20 +321,17 @@ void Selector<G>::find_consensus(std::vector<Hypothesis<G>>& hypotheses) {
       group.active = std::move(numbers);
       decide(group, weights);
     }
-    for (std::size_t k = 0; k < members.size(); ++k) {
-      if (group.ambiguous) members[k]->state = HypothesisState::ambiguous;
-      else if (!group.stands[group.active[k]]) members[k]->state = HypothesisState::outvoted;
-    }
+    for (std::size_t k = 0; k < members.size(); ++k) members[k]->state = group.state_of[group.active[k]];
   }
-  for (auto& [chains, members] : active)
-    std::erase_if(members, [](const Hypothesis<G>* h) { return h->state != HypothesisState::accepted; });
-  demand_confirmation(active);
 }
 
-// Hypotheses that hold together confirm each other. A single one stands if nothing could pass for what it has found, or if
-// its chains are linked without it: then the map has its say.
+// Hypotheses between different batches that hold together confirm each other. A single one stands if nothing could pass for
+// what it has found, or if its chains are linked without it: then the map has its say.
 template <class G>
-void Selector<G>::demand_confirmation(const ByChains& standing) const {
+void Selector<G>::demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) const {
+  ByChains standing;
+  for (Hypothesis<G>& h : hypotheses)
+    if (h.state == HypothesisState::accepted) standing[{h.batch_a.chain, h.batch_b.chain}].push_back(&h);
   std::map<ChainId, ChainId> parent;
   const auto root = [&](ChainId id) {
     for (auto it = parent.find(id); it != parent.end() && it->second != id; it = parent.find(id)) id = it->second;
@@ -327,7 +340,9 @@ void Selector<G>::demand_confirmation(const ByChains& standing) const {
   std::vector<const typename ByChains::value_type*> single;
   for (const auto& group : standing) {
     const auto& [chains, members] = group;
-    const bool sure = static_cast<int>(members.size()) >= params_.min_confirmed ||
+    std::set<std::pair<Key, Key>> places;
+    for (const Hypothesis<G>* h : members) places.insert({h->batch_a, h->batch_b});
+    const bool sure = static_cast<int>(places.size()) >= params_.min_confirmed ||
                       std::any_of(members.begin(), members.end(), [&](const auto* h) { return examined_.at(h->id).confined; });
     if (!sure) single.push_back(&group);
     else parent[std::max(root(chains.first), root(chains.second))] = std::min(root(chains.first), root(chains.second));
@@ -365,16 +380,15 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
   for (Hypothesis<G>& h : selection.hypotheses) {
     if (vetoed_.count(h.id)) {
       h.state = HypothesisState::vetoed;
-    } else if (excluded.hypotheses.count(h.id)) {
-      h.state = HypothesisState::map_residual;
-    } else {
-      const Hypothesis<G>& known = examine(store, h).hypothesis;
-      h.state = known.state;
-      h.batch_a = known.batch_a;
-      h.batch_b = known.batch_b;
-      h.alignment = known.alignment;
+      continue;
     }
+    const Hypothesis<G>& known = examine(store, h).hypothesis;
+    h.state = known.state;
+    h.batch_a = known.batch_a;
+    h.batch_b = known.batch_b;
+    h.alignment = known.alignment;
   }
+  find_consensus(selection.hypotheses);  // what the map excludes has its vote: leaving it out lets nothing else in
   std::vector<bool> left_out(landmarks_.size(), false);
   for (const Key& key : excluded.landmarks)
     if (const auto it = landmark_number_.find(key); it != landmark_number_.end())
@@ -385,9 +399,10 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
     std::vector<std::pair<int, int>>& pairs = fitting[h.id];
     for (const auto& [a, b] : examined_.at(h.id).pairs)
       if (!left_out[static_cast<std::size_t>(a)] && !left_out[static_cast<std::size_t>(b)]) pairs.emplace_back(a, b);
-    if (static_cast<int>(pairs.size()) < G::Dim) h.state = HypothesisState::doubtful;  // fixes no motion any more
+    if (excluded.hypotheses.count(h.id)) h.state = HypothesisState::map_residual;
+    else if (static_cast<int>(pairs.size()) < G::Dim) h.state = HypothesisState::doubtful;  // fixes no motion any more
   }
-  find_consensus(selection.hypotheses);
+  demand_confirmation(selection.hypotheses);
   Classes classes(batch_of_);
   for (Hypothesis<G>& h : selection.hypotheses)
     if (h.state == HypothesisState::accepted && !classes.join(fitting.at(h.id))) h.state = HypothesisState::class_conflict;

@@ -69,9 +69,8 @@ class Selector {
   struct Group {
     std::vector<Hash> members;
     Relation together;
-    std::vector<std::size_t> active;  // when last asked: the members, and ...
-    std::vector<bool> stands;         // ... what became of them
-    bool ambiguous = false;
+    std::vector<std::size_t> active;            // when last asked: the members, and ...
+    std::vector<HypothesisState> state_of;      // ... what became of each of them
   };
   void read(const FactStore<G>& store);
   const Examined& examine(const FactStore<G>& store, const Hypothesis<G>& hypothesis);
@@ -80,8 +79,8 @@ class Selector {
   bool hold_together(const FactStore<G>& store, const Examined& h, const Examined& k) const;
   using ByChains = std::map<std::pair<ChainId, ChainId>, std::vector<Hypothesis<G>*>>;
   void find_consensus(std::vector<Hypothesis<G>>& hypotheses);
-  void demand_confirmation(const ByChains& standing) const;
   void decide(Group& group, const std::vector<int>& weights) const;
+  void demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) const;
   int number(const FactStore<G>& store, const Key& landmark);
 
   SelectionParams params_;

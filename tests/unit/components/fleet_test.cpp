@@ -354,6 +354,28 @@ TEST(Integrity, SuspectWhileFactsAreMissing) {
   EXPECT_TRUE(self.view_of({2, 1}, fleet.now_s).reasons & reason_missing_facts);
 }
 
+TEST(Integrity, UnalignedForAReasonWherePlacesInCommonFitInTwoWays) {
+  ScriptedFleet fleet;
+  add_three(fleet);
+  fleet.drive(120);
+  ASSERT_TRUE(fleet.settle());
+  Member& self = *fleet.members[0];
+  ASSERT_EQ(self.view_of({2, 1}, fleet.now_s).reasons, static_cast<std::uint32_t>(reason_none));
+  // Asked for more than this short drive has: what was found waits to be confirmed.
+  SelectionParams more;
+  more.min_confirmed = 1000;
+  BuiltMap<SE2> built{build_global_map(self.manager.store(), more, *self.manager.backend()), self.manager.store().revision()};
+  int unaligned = 0;
+  for (const ChainId& chain : built.map.unsettled) unaligned += !built.map.map->aligned(chain);
+  ASSERT_GT(unaligned, 0);
+  self.manager.adopt(std::move(built));
+  for (const auto& member : fleet.members) {
+    const auto state = self.view_of(member->chain(), fleet.now_s);
+    const bool told = (state.reasons & reason_ambiguous) != 0;
+    EXPECT_EQ(told, state.integrity == Integrity::unaligned);
+  }
+}
+
 TEST(Integrity, SuspectWhileTheMapFindsItsDriftNotWhite) {
   ScriptedFleet fleet;
   add_three(fleet);
