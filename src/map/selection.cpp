@@ -325,13 +325,16 @@ void Selector<G>::find_consensus(std::vector<Hypothesis<G>>& hypotheses) {
   }
 }
 
-// Hypotheses between different batches that hold together confirm each other. A single one stands if nothing could pass for
+// Hypotheses between different batches that hold together confirm each other, even by landmarks that are doubtful one by one.
+// A single one stands if nothing could pass for
 // what it has found, or if its chains are linked without it: then the map has its say.
 template <class G>
 void Selector<G>::demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) const {
   ByChains standing;
   for (Hypothesis<G>& h : hypotheses)
-    if (h.state == HypothesisState::accepted) standing[{h.batch_a.chain, h.batch_b.chain}].push_back(&h);
+    if (h.state == HypothesisState::accepted || h.state == HypothesisState::doubtful)
+      standing[{h.batch_a.chain, h.batch_b.chain}].push_back(&h);
+  const auto accepted = [](const Hypothesis<G>* h) { return h->state == HypothesisState::accepted; };
   std::map<ChainId, ChainId> parent;
   const auto root = [&](ChainId id) {
     for (auto it = parent.find(id); it != parent.end() && it->second != id; it = parent.find(id)) id = it->second;
@@ -340,6 +343,7 @@ void Selector<G>::demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) co
   std::vector<const typename ByChains::value_type*> single;
   for (const auto& group : standing) {
     const auto& [chains, members] = group;
+    if (std::none_of(members.begin(), members.end(), accepted)) continue;
     std::set<std::pair<Key, Key>> places;
     for (const Hypothesis<G>* h : members) places.insert({h->batch_a, h->batch_b});
     const bool sure = static_cast<int>(places.size()) >= params_.min_confirmed ||
@@ -350,7 +354,8 @@ void Selector<G>::demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) co
   for (const auto* group : single) {
     const auto& [chains, members] = *group;
     if (chains.first != chains.second && root(chains.first) == root(chains.second)) continue;
-    for (Hypothesis<G>* h : members) h->state = HypothesisState::unconfirmed;
+    for (Hypothesis<G>* h : members)
+      if (accepted(h)) h->state = HypothesisState::unconfirmed;
   }
 }
 
