@@ -266,19 +266,29 @@ std::optional<double> first_direct_association(const MapRecord& map, VehicleId a
   return std::nullopt;
 }
 
-/// When a and b are first linked, be it through other vehicles.
-std::optional<double> first_association(const MapRecord& map, VehicleId a, VehicleId b) {
+/// When a and b are first linked, be it through other vehicles. `confirmed`: accepted hypotheses that it takes between two
+/// vehicles.
+std::optional<double> linked_s(const MapRecord& map, VehicleId a, VehicleId b, int confirmed) {
   std::map<VehicleId, VehicleId> group;  // vehicle -> name of its group
+  std::map<std::pair<VehicleId, VehicleId>, int> count;
   const auto group_of = [&group](VehicleId id) { return group.emplace(id, id).first->second; };
   for (const MapAssociation* association : accepted_by_time(map)) {
-    for (const Pairing& p : association->pairings) {
-      const VehicleId keep = group_of(p.first.chain.vehicle), gone = group_of(p.second.chain.vehicle);
-      for (auto& [id, name] : group)
-        if (name == gone) name = keep;
-    }
+    if (association->pairings.empty()) continue;
+    const Pairing& p = association->pairings.front();
+    const VehicleId first = p.first.chain.vehicle, second = p.second.chain.vehicle;
+    if (++count[std::minmax(first, second)] < confirmed) continue;
+    const VehicleId keep = group_of(first), gone = group_of(second);
+    for (auto& [id, name] : group)
+      if (name == gone) name = keep;
     if (group_of(a) == group_of(b)) return association->t_s;
   }
   return std::nullopt;
+}
+
+/// A first hypothesis waits for a second one, unless the starts are known well (SelectionParams::min_confirmed).
+std::optional<double> first_association(const MapRecord& map, VehicleId a, VehicleId b) {
+  const auto confirmed = linked_s(map, a, b, 2);
+  return confirmed ? confirmed : linked_s(map, a, b, 1);
 }
 
 json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecord& b, PairSeries& series) {
