@@ -1,8 +1,11 @@
 #include <convoy/components/front_end_component.hpp>
+#include <convoy/config_error.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace convoy {
 namespace {
@@ -40,8 +43,38 @@ void FrontEndComponent<G>::poll() {
   if (trail_.empty() || state_.abscissa_m >= trail_.back().abscissa_m + trail_spacing_m) trail_.push_back(state_);
   if (!live_s_ || state_.stamp_s >= *live_s_ + live_period_s_) {
     live_s_ = state_.stamp_s;
-    manager_.publish_live(state_);
+    publish_live();
   }
+}
+
+template <class G>
+void FrontEndComponent<G>::publish_live() {
+  const RelativeLandmarks<G> known = front_end_.remembered();
+  const std::size_t n = known.tracks.size();
+  if (known.positions.size() != n || static_cast<std::size_t>(known.covariance.rows()) != G::Dim * n || known.covariance.rows() != known.covariance.cols())
+    throw ConfigError("front end: remembered() must give one position per track and their joint covariance, (Dim n) x (Dim n)");
+  std::unordered_map<std::uint64_t, std::uint32_t> still_known;  // a track that is forgotten may be another thing next time
+  std::vector<std::size_t> best;  // of `known`, those that the map has joined to others: the rest say no more than their anchors
+  for (std::size_t i = 0; i < known.tracks.size(); ++i) {
+    const auto exported = exported_.find(known.tracks[i]);
+    if (exported == exported_.end()) continue;
+    still_known.insert(*exported);
+    if (manager_.map().class_of.count({manager_.self(), exported->second}) > 0) best.push_back(i);
+  }
+  exported_ = std::move(still_known);
+  const auto variance = [&](std::size_t i) { return known.covariance.diagonal().segment(G::Dim * static_cast<Eigen::Index>(i), G::Dim).sum(); };
+  std::stable_sort(best.begin(), best.end(), [&](std::size_t a, std::size_t b) { return variance(a) < variance(b); });
+  best.resize(std::min(best.size(), LivePose<G>::max_remembered));
+
+  const RelativeLandmarks<G> chosen = subset(known, best);
+  LivePose<G> live;
+  live.state = state_;
+  if (const auto error = rigid_part(chosen)) {
+    live.shared = error->shared;
+    for (std::size_t i = 0; i < best.size(); ++i)
+      live.remembered.push_back({exported_.at(chosen.tracks[i]), chosen.positions[i], error->own[i]});
+  }
+  manager_.publish_live(std::move(live));
 }
 
 template <class G>
@@ -74,6 +107,7 @@ void FrontEndComponent<G>::close(const Segment<G>& segment) {
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (!indices[i]) continue;
     ++landmarks_exported_;
+    exported_[segment.landmarks[i].track] = *indices[i];
     if (on_export_) on_export_(*indices[i], segment.landmarks[i].track);
   }
 }

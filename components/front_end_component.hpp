@@ -8,6 +8,7 @@
 
 #include <functional>
 #include <optional>
+#include <unordered_map>
 #include <vector>
 
 namespace convoy {
@@ -37,6 +38,7 @@ class FrontEndComponent {
 
  private:
   void close(const Segment<G>& segment);
+  void publish_live();
   FrontEndState<G> since_start(const FrontEndState<G>& state) const;
 
   FrontEnd<G>& front_end_;
@@ -51,6 +53,7 @@ class FrontEndComponent {
   std::size_t trail_at_anchor_ = 0;
   std::optional<double> live_s_;
   std::uint64_t landmarks_exported_ = 0;
+  std::unordered_map<std::uint64_t, std::uint32_t> exported_;  // index of each track that the front end may remember
 };
 
 }  // namespace convoy

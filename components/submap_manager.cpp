@@ -2,6 +2,7 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/live_pose.hpp>
 #include <convoy/map/ekf_map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
@@ -159,16 +160,35 @@ bool SubmapManager<G>::publish_absolute_fix(const ChainState<G>& state, const ty
 }
 
 template <class G>
-void SubmapManager<G>::publish_live(const ChainState<G>& state) {
-  live_ = state;
-  LivePose<G> pose;
-  pose.chain = self_;
-  pose.anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
-  pose.state = state;
-  pose.reasons = reasons(self_, 0.0, 0.0);
-  pose.integrity = !map_.map->aligned(self_) ? Integrity::unaligned
-                   : pose.reasons != reason_none ? Integrity::suspect : Integrity::ok;
-  send(pose);
+bool SubmapManager<G>::is_fit(const LivePose<G>& live) const {
+  AnchorFact<G> state{{live.chain, 1}, live.state};
+  bool fit = store_.check(state) == Insertion::inserted;
+  state.state.drift = live.shared;
+  fit = fit && store_.check(state) == Insertion::inserted && live.remembered.size() <= LivePose<G>::max_remembered;
+  LandmarkFact<G> landmark;
+  for (const RememberedLandmark<G>& l : live.remembered) {
+    landmark.key = {live.chain, l.index};
+    landmark.position = l.position;
+    landmark.covariance = l.covariance;
+    fit = fit && store_.check(landmark) == Insertion::inserted;
+  }
+  return fit;
+}
+
+template <class G>
+void SubmapManager<G>::publish_live(LivePose<G> live) {
+  live.chain = self_;
+  live.anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
+  live.reasons = reasons(self_, 0.0, 0.0);
+  live.integrity = !map_.map->aligned(self_) ? Integrity::unaligned
+                   : live.reasons != reason_none ? Integrity::suspect : Integrity::ok;
+  if (!is_fit(live)) {
+    ++counters_.live_unfit;
+    live.remembered.clear();  // the SLAM's pose may still be: it is told as it is, and judged by whoever hears it
+    live.shared.setZero();
+  }
+  live_ = live;
+  send(std::move(live));
 }
 
 template <class G>
@@ -206,9 +226,8 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
         } else if constexpr (std::is_same_v<P, AbsoluteFixFact<G>>) {
           take_in(FactKind::absolute_fix, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
-          const bool fit = store_.check(AnchorFact<G>{{payload.chain, 1}, payload.state}) == Insertion::inserted;
-          counters_.live_unfit += !fit;
-          if (fit && payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = payload;
+          counters_.live_unfit += !is_fit(payload);
+          if (is_fit(payload) && payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = payload;
         } else if constexpr (std::is_same_v<P, Request>) {
           repair_.on_request(store_, payload, now_s);
         } else {
@@ -331,19 +350,21 @@ std::vector<VehicleState<G>> SubmapManager<G>::vehicles(double now_s) {
     VehicleState<G> vehicle;
     vehicle.chain = id;
     vehicle.heard_s = now_s;
-    if (!chain.anchors.empty()) vehicle.slam = chain.anchors.rbegin()->second.state;
+    LivePose<G> here;  // the last anchor, if nothing newer is known
+    here.chain = id;
+    if (!chain.anchors.empty()) here.state = chain.anchors.rbegin()->second.state;
     if (id == self_) {
-      if (live_) vehicle.slam = *live_;
+      if (live_) here = *live_;
     } else if (const auto peer = peers_.find(id); peer != peers_.end()) {
       vehicle.heard_s = peer->second.heard_s;
-      const auto& live = peer->second.live;
-      if (live && live->state.stamp_s > vehicle.slam.stamp_s) vehicle.slam = live->state;
+      if (peer->second.live && peer->second.live->state.stamp_s > here.state.stamp_s) here = *peer->second.live;
     } else {
       vehicle.heard_s = -1e300;
     }
+    vehicle.slam = here.state;
     vehicle.reasons = reasons(id, vehicle.heard_s, now_s);
     if (map_.map->aligned(id)) {
-      vehicle.estimate = map_.map->pose(id, vehicle.slam);
+      vehicle.estimate = live_pose(map_, here);
       vehicle.integrity = vehicle.reasons == reason_none ? Integrity::ok : Integrity::suspect;
     }
     all.push_back(std::move(vehicle));

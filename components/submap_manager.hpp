@@ -100,8 +100,8 @@ class SubmapManager {
   /// fit to be a fact. One that the map would not take beside the last one (`fix_correlation_s`) is not sent, and counted.
   bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever, const typename G::Point& position,
                             const typename G::PointCovariance& covariance);
-  /// Where this vehicle is now. Not a fact: only the last one counts.
-  void publish_live(const ChainState<G>& state);
+  /// Where this vehicle is now: `state`, `remembered` and `shared` are the caller's. Not a fact: only the last one counts.
+  void publish_live(LivePose<G> live);
 
   /// Takes what has come in, sends what is due (requests, answers, the digest).
   void step(double now_s);
@@ -139,6 +139,7 @@ class SubmapManager {
   void send_digest(double now_s);
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
   bool map_due(double now_s) const;
+  bool is_fit(const LivePose<G>& live) const;
   template <class Fact>
   bool insert(const Fact& fact);
 
@@ -156,7 +157,7 @@ class SubmapManager {
   std::vector<AnyFact<G>> news_;  // since the last order, if there was one
   double map_s_ = -1e300, digest_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};
-  std::optional<ChainState<G>> live_;
+  std::optional<LivePose<G>> live_;
   std::optional<double> fix_s_;  // stamp of the last absolute fix published
   std::map<ChainId, Peer> peers_;
   SubmapManagerCounters counters_;

@@ -408,6 +408,47 @@ WireStatus from_wire(const v1::AbsoluteFix& sample, Message<G>& message) {
 
 // ---- live poses ------------------------------------------------------------------------------------------------
 
+static_assert(LivePose<SE3>::max_remembered == bounds::remembered);
+template <class G>
+constexpr std::size_t numbers_per_remembered = G::Dim + G::Dim * (G::Dim + 1) / 2;
+static_assert(bounds::remembered * numbers_per_remembered<SE3> == bounds::remembered_points);
+
+template <class G>
+WireStatus to_wire_remembered(const LivePose<G>& pose, v1::Pose& sample) {
+  if (pose.remembered.size() > bounds::remembered) return WireStatus::too_many;
+  sample.remembered().clear();
+  sample.remembered_points().clear();
+  sample.remembered_shared().clear();
+  std::vector<double> packed;
+  for (const RememberedLandmark<G>& l : pose.remembered) {
+    if (const WireStatus status = pack(l.covariance, packed); status != WireStatus::ok) return status;
+    sample.remembered().push_back(l.index);
+    for (int i = 0; i < G::Dim; ++i) sample.remembered_points().push_back(static_cast<float>(l.position[i]));
+    for (const double number : packed) sample.remembered_points().push_back(static_cast<float>(number));
+  }
+  return pose.remembered.empty() ? WireStatus::ok : pack(pose.shared, sample.remembered_shared());
+}
+
+template <class G>
+WireStatus from_wire_remembered(const v1::Pose& sample, LivePose<G>& pose) {
+  constexpr std::size_t each = numbers_per_remembered<G>;
+  const std::size_t n = sample.remembered().size();
+  if (n > bounds::remembered) return WireStatus::too_many;
+  if (sample.remembered_points().size() != n * each) return WireStatus::wrong_size;
+  if (n == 0) return sample.remembered_shared().empty() ? WireStatus::ok : WireStatus::wrong_size;
+  auto next = sample.remembered_points().begin();
+  for (const std::uint32_t index : sample.remembered()) {
+    RememberedLandmark<G> l;
+    l.index = index;
+    const WireStatus status = first_refusal(from_wire_vector(std::vector<double>(next, next + G::Dim), l.position),
+                                            unpack(std::vector<double>(next + G::Dim, next + each), l.covariance));
+    if (status != WireStatus::ok) return status;
+    pose.remembered.push_back(l);
+    next += each;
+  }
+  return unpack(sample.remembered_shared(), pose.shared);
+}
+
 template <class G>
 WireStatus to_wire(const ChainId& sender, const LivePose<G>& pose, v1::Pose& sample) {
   sample.sender(wire_chain(sender));
@@ -416,7 +457,7 @@ WireStatus to_wire(const ChainId& sender, const LivePose<G>& pose, v1::Pose& sam
   sample.dimension(G::Dim);
   sample.integrity(static_cast<v1::Integrity>(pose.integrity));
   sample.reasons(pose.reasons);
-  return to_wire_state(pose.state, sample.state());
+  return first_refusal(to_wire_state(pose.state, sample.state()), to_wire_remembered(pose, sample));
 }
 
 template <class G>
@@ -428,7 +469,7 @@ WireStatus from_wire(const v1::Pose& sample, Message<G>& message) {
   pose.anchor = sample.anchor();
   pose.reasons = sample.reasons();
   const WireStatus content = first_refusal(convert_enum(sample.integrity(), v1::INTEGRITY_SUSPECT, pose.integrity),
-                                           from_wire_state(sample.state(), pose.state));
+                                           from_wire_state(sample.state(), pose.state), from_wire_remembered(sample, pose));
   message = {core_chain(sample.sender()), std::move(pose)};
   return content;
 }

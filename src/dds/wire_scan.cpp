@@ -158,6 +158,9 @@ void scan(WireScan& wire, const v1::Pose*) {
   wire.skip(1);
   wire.skip(4, 2);
   scan_state(wire);
+  wire.sequence(4, bounds::remembered);
+  wire.sequence(4, bounds::remembered_points);
+  wire.sequence(8, bounds::group_covariance);
 }
 
 void scan(WireScan& wire, const v1::Request*) {

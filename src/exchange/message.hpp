@@ -37,14 +37,27 @@ struct LandmarkBatch {
   std::vector<LandmarkFact<G>> landmarks;
 };
 
-/// Where a vehicle is now, relative to its last anchor.
+/// A landmark that a vehicle has exported, where its SLAM says it is now. Second-hand: it may hold the same measurements
+/// as the fact and later ones, so that it serves a live pose and no map.
+template <class G>
+struct RememberedLandmark {
+  std::uint32_t index = 0;                                             ///< of the vehicle's chain
+  typename G::Point position = G::Point::Zero();                       ///< body frame [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero(); ///< of what it shares with no other [m^2]
+};
+
+/// Where a vehicle is now, relative to its last anchor, and to landmarks that it remembers.
 template <class G>
 struct LivePose {
+  static constexpr std::size_t max_remembered = 8;
   ChainId chain;
   std::uint32_t anchor = 0;  ///< index of the anchor that `state` continues
   ChainState<G> state;
   Integrity integrity = Integrity::unaligned;
   std::uint32_t reasons = reason_none;
+  std::vector<RememberedLandmark<G>> remembered = {};  ///< at most `max_remembered`
+  /// Of the error that all of `remembered` share, as an error of the body's pose: right perturbation.
+  typename G::Covariance shared = G::Covariance::Zero();
 };
 
 /// "Send me these again", to whoever holds them.

@@ -1,4 +1,5 @@
 #include <convoy/frontend/front_end.hpp>
+#include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
 #include <Eigen/Eigenvalues>
@@ -27,7 +28,47 @@ std::vector<typename G::Loading> shared_loadings(const Eigen::MatrixXd& joint) {
   return loadings;
 }
 
-#define CONVOY_INSTANTIATE(G) template std::vector<typename G::Loading> shared_loadings<G>(const Eigen::MatrixXd&);
+template <class G>
+RelativeLandmarks<G> subset(const RelativeLandmarks<G>& landmarks, const std::vector<std::size_t>& indices) {
+  RelativeLandmarks<G> some;
+  std::vector<Eigen::Index> rows;
+  for (const std::size_t i : indices) {
+    some.tracks.push_back(landmarks.tracks[i]);
+    some.positions.push_back(landmarks.positions[i]);
+    for (int c = 0; c < G::Dim; ++c) rows.push_back(G::Dim * static_cast<Eigen::Index>(i) + c);
+  }
+  some.covariance = landmarks.covariance(rows, rows);
+  return some;
+}
+
+// A is how the landmarks move when the pose does (but for the sign), least the pose that moves them least: least A = I.
+template <class G>
+std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>& landmarks) {
+  constexpr double floor_m2 = 1e-4;
+  const auto n = static_cast<Eigen::Index>(landmarks.positions.size());
+  if (n <= G::Dim) return std::nullopt;
+  Eigen::MatrixXd A(G::Dim * n, G::Dof);
+  for (Eigen::Index i = 0; i < n; ++i)
+    A.middleRows(G::Dim * i, G::Dim) = G().act_jacobian(landmarks.positions[static_cast<std::size_t>(i)]);
+  const typename G::Covariance AtA = A.transpose() * A;
+  const Eigen::SelfAdjointEigenSolver<typename G::Covariance> eigen(AtA, Eigen::EigenvaluesOnly);
+  if (!(eigen.eigenvalues().minCoeff() > 1e-9 * eigen.eigenvalues().maxCoeff())) return std::nullopt;
+  const Eigen::MatrixXd least = AtA.ldlt().solve(A.transpose());
+  const Eigen::MatrixXd rest = Eigen::MatrixXd::Identity(G::Dim * n, G::Dim * n) - A * least;
+  const Eigen::MatrixXd own = rest * landmarks.covariance * rest.transpose();
+  RigidPart<G> part;
+  part.shared = symmetrised(typename G::Covariance(least * landmarks.covariance * least.transpose()));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const typename G::PointCovariance block = own.block(G::Dim * i, G::Dim * i, G::Dim, G::Dim);
+    part.own.push_back(symmetrised(typename G::PointCovariance(block + floor_m2 * G::PointCovariance::Identity())));
+  }
+  return part;
+}
+
+#define CONVOY_INSTANTIATE(G)                                                                   \
+  template std::vector<typename G::Loading> shared_loadings<G>(const Eigen::MatrixXd&);         \
+  template RelativeLandmarks<G> subset(const RelativeLandmarks<G>&, const std::vector<std::size_t>&); \
+  template std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

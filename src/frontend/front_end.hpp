@@ -10,6 +10,7 @@
 
 #include <convoy/submap/facts.hpp>
 
+#include <optional>
 #include <vector>
 
 namespace convoy {
@@ -49,6 +50,30 @@ struct Segment {
   std::vector<FrozenLandmark<G>> landmarks;
 };
 
+/// Landmarks that a SLAM still knows, relative to where it is now.
+template <class G>
+struct RelativeLandmarks {
+  std::vector<std::uint64_t> tracks;           ///< the front end's own names, as in FrozenLandmark
+  std::vector<typename G::Point> positions;    ///< body frame [m]
+  Eigen::MatrixXd covariance;                  ///< joint, Dim n x Dim n [m^2]
+};
+
+/// Some of them, in the order of `indices`.
+template <class G>
+RelativeLandmarks<G> subset(const RelativeLandmarks<G>& landmarks, const std::vector<std::size_t>& indices);
+
+/// The joint covariance of landmarks in two parts: what moves them all like one body, and what is each one's own (its block
+/// of the rest, with a floor of (1 cm)^2).
+template <class G>
+struct RigidPart {
+  typename G::Covariance shared = G::Covariance::Zero();  ///< as an error of the pose they are seen from: right perturbation
+  std::vector<typename G::PointCovariance> own;           ///< [m^2]
+};
+
+/// Empty if they are fewer than Dim + 1, or lie so that they do not fix a pose.
+template <class G>
+std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>& landmarks);
+
 template <class G>
 class FrontEnd {
  public:
@@ -57,6 +82,9 @@ class FrontEnd {
   /// The same without what no fact may use (DESIGN R5), for facts that are stated between anchors. A SLAM that knows its
   /// present pose by landmarks it has exported must leave them out here; relative to the last anchor.
   virtual FrontEndState<G> exportable_state() const { return state(); }
+  /// What a SLAM knows of landmarks that it has exported, if it goes on seeing them: the live pose is improved by laying
+  /// them onto the map. No fact uses it. Others may be among them.
+  virtual RelativeLandmarks<G> remembered() const { return {}; }
   /// Segments closed since the last call, oldest first; none closes later than state().
   virtual std::vector<Segment<G>> take_segments() = 0;
 };

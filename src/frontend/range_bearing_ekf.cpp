@@ -203,6 +203,19 @@ FrontEndState<SE2> RangeBearingEkf::exportable_state() const {
   return state_of(stamp_s_.value_or(0.0), abscissa_m_, filter_.pose(), filter_.pose_covariance());
 }
 
+RelativeLandmarks<SE2> RangeBearingEkf::remembered() const {
+  RelativeLandmarks<SE2> known;
+  const SE2 T_body_anchor = memory_.pose().inverse();
+  for (const RangeBearingTrack& track : memory_.tracks()) {
+    known.tracks.push_back(track.id);
+    known.positions.push_back(T_body_anchor * track.position);
+  }
+  std::vector<std::size_t> all(known.tracks.size());
+  std::iota(all.begin(), all.end(), std::size_t{0});
+  known.covariance = memory_.relative_covariance(all);
+  return known;
+}
+
 std::vector<Segment<SE2>> RangeBearingEkf::take_segments() { return std::exchange(segments_, {}); }
 
 }  // namespace convoy

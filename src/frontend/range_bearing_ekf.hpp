@@ -83,6 +83,7 @@ class RangeBearingEkf final : public FrontEnd<SE2> {
 
   FrontEndState<SE2> state() const override;
   FrontEndState<SE2> exportable_state() const override;
+  RelativeLandmarks<SE2> remembered() const override;
   std::vector<Segment<SE2>> take_segments() override;
   const RangeBearingEkfCounters& counters() const { return counters_; }
   std::size_t tracked() const { return filter_.tracks().size(); }

@@ -83,6 +83,14 @@ class Filter {
     const Eigen::Index m = point_at_[static_cast<std::size_t>(p)];
     return P_.template block<G::Dim, G::Dim>(m, m);
   }
+  Eigen::MatrixXd joint_covariance(const std::vector<int>& of_nodes, const std::vector<int>& of_points) const {
+    std::vector<Eigen::Index> rows;
+    for (const int n : of_nodes)
+      for (int c = 0; c < G::Dof; ++c) rows.push_back(node_at_[static_cast<std::size_t>(n)] + c);
+    for (const int p : of_points)
+      for (int c = 0; c < G::Dim; ++c) rows.push_back(point_at_[static_cast<std::size_t>(p)] + c);
+    return P_(rows, rows);
+  }
 
  private:
   Eigen::Index grow(Eigen::Index by) {
@@ -101,6 +109,9 @@ class FilterCovariance final : public CovarianceSource<G> {
   explicit FilterCovariance(Filter<G> filter) : filter_(std::move(filter)) {}
   typename G::Covariance nodes(int a, int b) override { return filter_.covariance(a, b); }
   typename G::PointCovariance point(int p) override { return filter_.point_covariance(p); }
+  Eigen::MatrixXd joint(const std::vector<int>& nodes, const std::vector<int>& points) override {
+    return filter_.joint_covariance(nodes, points);
+  }
 
  private:
   Filter<G> filter_;

@@ -269,6 +269,8 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     for (const Hypothesis<G>& h : result.selection.hypotheses)
       if (h.state == HypothesisState::ambiguous || h.state == HypothesisState::unconfirmed)
         result.unsettled.insert({h.batch_a.chain, h.batch_b.chain});
+    for (std::size_t c = 0; c < result.selection.classes.size(); ++c)
+      for (const Key& key : result.selection.classes[c]) result.class_of[key] = static_cast<int>(c);
     result.drift_alarms = drift_check_.alarms(store, result.selection);
     return result;
   }

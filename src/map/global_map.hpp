@@ -5,6 +5,7 @@
 #include <convoy/map/map.hpp>
 #include <convoy/map/selection.hpp>
 
+#include <map>
 #include <memory>
 #include <set>
 
@@ -15,6 +16,7 @@ struct GlobalMap {
   Hash facts = 0;  ///< FactStore::digest() it was built from
   Selection<G> selection;
   std::unique_ptr<Map<G>> map;
+  std::map<Key, int> class_of = {};     ///< of each landmark in a class: its index in Selection::classes
   std::set<ChainId> unsettled = {};     ///< chains of hypotheses that are ambiguous or wait to be confirmed
   std::set<ChainId> drift_alarms = {};  ///< whose closures show drift that is not white (drift_check.hpp)
 };

@@ -101,6 +101,25 @@ std::optional<Eigen::Matrix<double, 2 * G::Dof, 2 * G::Dof>> Map<G>::joint_covar
 }
 
 template <class G>
+std::optional<Surroundings<G>> Map<G>::surroundings(const ChainId& chain, const ChainState<G>& state,
+                                                    const std::vector<int>& classes) {
+  const ChainSpan* s = span(chain);
+  if (s == nullptr) return std::nullopt;
+  const Placement p = place(*s, state);
+  std::vector<int> nodes{p.first};
+  if (p.second >= 0) nodes.push_back(p.second);
+  const Eigen::Index n = G::Dof * static_cast<Eigen::Index>(nodes.size());
+  const Eigen::Index rest = G::Dim * static_cast<Eigen::Index>(classes.size());
+  Eigen::MatrixXd F = Eigen::MatrixXd::Zero(G::Dof + rest, n + rest);  // nodes and points -> pose and points
+  F.template block<G::Dof, G::Dof>(0, 0) = p.A;
+  if (p.second >= 0) F.template block<G::Dof, G::Dof>(0, G::Dof) = p.B;
+  F.bottomRightCorner(rest, rest).setIdentity();
+  Surroundings<G> around{p.mean, p.noise, {}, symmetrised(Eigen::MatrixXd(F * covariances_->joint(nodes, classes) * F.transpose()))};
+  for (const int c : classes) around.points.push_back(points_[static_cast<std::size_t>(c)]);
+  return around;
+}
+
+template <class G>
 std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, const LandmarkFact<G>& l) {
   const AnchorFact<G>* anchor = store.anchor(l.anchor_key());
   if (anchor == nullptr) return std::nullopt;

@@ -31,6 +31,17 @@ class CovarianceSource {
   /// Cov(d_a, d_b) of right perturbations. Dof x Dof.
   virtual typename G::Covariance nodes(int a, int b) = 0;
   virtual typename G::PointCovariance point(int p) = 0;
+  /// Of (d_nodes, d_points) stacked, each index once. (Dof n + Dim p)^2.
+  virtual Eigen::MatrixXd joint(const std::vector<int>& nodes, const std::vector<int>& points) = 0;
+};
+
+/// A pose and points around it as the map knows them together.
+template <class G>
+struct Surroundings {
+  G pose;                                    ///< T_common_body
+  typename G::Covariance motion = G::Covariance::Zero();  ///< of what it owes to the SLAM since the last node, not the map
+  std::vector<typename G::Point> points;     ///< common frame [m]
+  Eigen::MatrixXd covariance;                ///< joint, (Dof + Dim n)^2, of (d_pose, d_points), without `motion`
 };
 
 /// How a solution was reached.
@@ -60,6 +71,10 @@ class Map {
                                                                                 const ChainState<G>& state_a,
                                                                                 const ChainId& chain_b,
                                                                                 const ChainState<G>& state_b);
+
+  /// The pose where a vehicle's SLAM said `state`, with the points of some classes of the selection (each named once).
+  /// Empty if the chain is unknown.
+  std::optional<Surroundings<G>> surroundings(const ChainId& chain, const ChainState<G>& state, const std::vector<int>& classes);
 
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);

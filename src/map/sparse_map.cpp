@@ -30,6 +30,12 @@ class SparseCovariance final : public CovarianceSource<G> {
     return symmetrised(BlockCholesky::in_slot<G::Dim, G::Dim>(selected(), solver_.slot(block, block)));
   }
 
+  Eigen::MatrixXd joint(const std::vector<int>& nodes, const std::vector<int>& points) override {
+    std::vector<int> blocks = nodes;
+    for (const int p : points) blocks.push_back(nodes_ + p);
+    return solver_.joint_covariance(blocks);
+  }
+
  private:
   const std::vector<double>& selected() {
     if (selected_.empty()) selected_ = solver_.selected_inverse();

@@ -593,14 +593,40 @@ Eigen::MatrixXd BlockCholesky::covariance(int i, int j) const {
   return result;
 }
 
-Eigen::MatrixXd BlockCholesky::joint_covariance(int i, int j) const {
-  const int a = sizes_[index(i)], b = sizes_[index(j)];
-  Eigen::MatrixXd joint(a + b, a + b);
-  joint.topLeftCorner(a, a) = covariance(i, i);
-  joint.bottomRightCorner(b, b) = covariance(j, j);
-  joint.topRightCorner(a, b) = covariance(i, j);
-  joint.bottomLeftCorner(b, a) = joint.topRightCorner(a, b).transpose();
-  return (0.5 * (joint + joint.transpose())).eval();
+// Columns of L^-1, each on the path of its block; their products.
+Eigen::MatrixXd BlockCholesky::joint_covariance(const std::vector<int>& blocks) const {
+  std::vector<std::size_t> paths;  // children before parents
+  int rows = 0;
+  for (const int b : blocks) {
+    rows += sizes_[index(b)];
+    for (int s = supernode_of_[index(b)]; s >= 0; s = supernodes_[at(s)].parent) paths.push_back(at(s));
+  }
+  std::sort(paths.begin(), paths.end());
+  paths.erase(std::unique(paths.begin(), paths.end()), paths.end());
+  Eigen::Index height = 0;
+  for (const std::size_t s : paths) height += supernodes_[s].columns;
+
+  Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(height, rows);
+  std::fill(work_.begin(), work_.end(), 0.0);
+  int column = 0;
+  for (const int b : blocks)
+    for (int c = 0; c < sizes_[index(b)]; ++c, ++column) {
+      work_[at(position_[index(b)] + c)] = 1.0;
+      for (int s = supernode_of_[index(b)]; s >= 0; s = supernodes_[at(s)].parent)
+        forward(supernodes_[at(s)], supernodes_[at(s) + 1], work_.data(), scratch_.data());
+      Eigen::Index row = 0;
+      for (const std::size_t s : paths) {
+        double* x = work_.data() + supernodes_[s].first;
+        std::copy_n(x, supernodes_[s].columns, columns.col(column).data() + row);
+        std::fill_n(x, supernodes_[s].columns, 0.0);
+        row += supernodes_[s].columns;
+      }
+    }
+  Eigen::MatrixXd joint(rows, rows);
+  for (int i = 0; i < rows; ++i)
+    for (int j = 0; j <= i; ++j)
+      joint(i, j) = joint(j, i) = dense::dot(columns.col(i).data(), columns.col(j).data(), static_cast<int>(height));
+  return joint;
 }
 
 // Z = H^-1 on the rows of the front of s, both triangles, from Z on the front of its parent:

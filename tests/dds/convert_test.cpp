@@ -130,6 +130,33 @@ TEST(Convert, PoseRoundTrip) {
   EXPECT_EQ(hash_of(AnchorFact<SE2>{{author, 3}, got.state}), hash_of(AnchorFact<SE2>{{author, 3}, pose.state}));
 }
 
+template <class G>
+LivePose<G> with_remembered(LivePose<G> pose) {
+  for (std::uint32_t i = 0; i < LivePose<G>::max_remembered; ++i) {
+    RememberedLandmark<G> l{100 + i, G::Point::NullaryExpr([] { return any(); }), any_covariance<G::Dim>()};
+    pose.remembered.push_back(l);
+  }
+  pose.shared = any_covariance<G::Dof>();
+  return pose;
+}
+
+// Rounded to single precision, and no more than that.
+template <class G>
+void expect_same_remembered(const LivePose<G>& got, const LivePose<G>& sent) {
+  ASSERT_EQ(got.remembered.size(), sent.remembered.size());
+  EXPECT_EQ(got.shared, sent.shared);
+  for (std::size_t i = 0; i < sent.remembered.size(); ++i) {
+    EXPECT_EQ(got.remembered[i].index, sent.remembered[i].index);
+    EXPECT_TRUE(got.remembered[i].position.isApprox(sent.remembered[i].position, 1e-7));
+    EXPECT_TRUE(got.remembered[i].covariance.isApprox(sent.remembered[i].covariance, 1e-7));
+  }
+}
+
+TEST(Convert, PoseWithRememberedLandmarksRoundTrip) {
+  const auto pose = with_remembered(LivePose<SE2>{author, 3, any_state(), Integrity::ok, 0});
+  expect_same_remembered(std::get<LivePose<SE2>>(round_trip<v1::PosePubSubType>(pose).payload), pose);
+}
+
 TEST(Convert, RequestRoundTrip) {
   const Request request{author, FactKind::association, {{1, 2}, {5, 900}}};
   const auto message = round_trip<v1::RequestPubSubType>(request);
@@ -272,6 +299,21 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   v1::Pose pose;
   ASSERT_EQ(to_wire(sender, LivePose<SE2>{author, 3, any_state(), Integrity::ok, 0}, pose), WireStatus::ok);
   EXPECT_EQ(status_of(pose, [](auto& s) { s.integrity(static_cast<v1::Integrity>(77)); }), WireStatus::unknown_enum);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_shared().resize(6, 0.0); }), WireStatus::wrong_size);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_points().resize(5, 0.0F); }), WireStatus::wrong_size);
+  auto remembering = with_remembered(LivePose<SE2>{author, 3, any_state(), Integrity::ok, 0});
+  ASSERT_EQ(to_wire(sender, remembering, pose), WireStatus::ok);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered().resize(9, 1); }), WireStatus::too_many);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_shared().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_points()[7] = std::numeric_limits<float>::infinity(); }), WireStatus::not_finite);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_shared()[2] = std::numeric_limits<double>::quiet_NaN(); }), WireStatus::not_finite);
+  remembering.remembered.push_back(remembering.remembered[0]);
+  EXPECT_EQ(to_wire(sender, remembering, pose), WireStatus::too_many);
+  remembering.remembered.resize(1);
+  remembering.remembered[0].position[0] = 1e300;  // beyond single precision: nobody takes it
+  ASSERT_EQ(to_wire(sender, remembering, pose), WireStatus::ok);
+  EXPECT_EQ(status_of(pose, [](auto&) {}), WireStatus::not_finite);
 
   v1::Association association;
   ASSERT_EQ(to_wire<SE2>(sender, AssociationFact{{author, 0}, {{{sender, 1}, {author, 1}}}}, association), WireStatus::ok);
@@ -326,6 +368,8 @@ TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
     EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE3>>(round_trip<v1::AbsoluteFixPubSubType, SE3>(fix).payload)), hash_of(fix));
     const auto got = std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(pose).payload);
     EXPECT_EQ(hash_of(AnchorFact<SE3>{{author, 3}, got.state}), hash_of(AnchorFact<SE3>{{author, 3}, pose.state}));
+    const auto remembering = with_remembered(pose);
+    expect_same_remembered(std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(remembering).payload), remembering);
   }
 }
 

@@ -131,9 +131,22 @@ TYPED_TEST_P(FrontEndContract, LandmarksStateACovarianceOfWhichTheSharedPartIsAP
     }
 }
 
+TYPED_TEST_P(FrontEndContract, WhatItRemembersIsWholeAndHasAJointCovariance) {
+  using G = typename TypeParam::Group;
+  this->run([&](const auto&) {
+    const RelativeLandmarks<G> known = this->drive_.front_end().remembered();
+    ASSERT_EQ(known.positions.size(), known.tracks.size());
+    ASSERT_EQ(known.covariance.rows(), G::Dim * static_cast<Eigen::Index>(known.tracks.size()));
+    ASSERT_TRUE(known.tracks.empty() || is_covariance(known.covariance));
+    ASSERT_EQ(std::set<std::uint64_t>(known.tracks.begin(), known.tracks.end()).size(), known.tracks.size());
+    for (const auto& p : known.positions) ASSERT_TRUE(p.allFinite());
+  });
+}
+
 REGISTER_TYPED_TEST_SUITE_P(FrontEndContract, StartsAtTheIdentityWithoutDrift, StampsAndAbscissaNeverDecrease,
                             NoSegmentClosesLaterThanTheState, TheTrailOfASegmentLiesWithinIt,
                             DriftIsACovarianceAndGrowsFromAnchorToAnchor, ASegmentIsGivenOnceAndALandmarkOnceInIt,
-                            LandmarksStateACovarianceOfWhichTheSharedPartIsAPart);
+                            LandmarksStateACovarianceOfWhichTheSharedPartIsAPart,
+                            WhatItRemembersIsWholeAndHasAJointCovariance);
 
 }  // namespace convoy::testing

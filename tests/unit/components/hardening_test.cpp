@@ -35,7 +35,9 @@ TEST(Hardening, AnImpersonatorMakesUsSuspectAndNothingElse) {
   EXPECT_EQ(self.manager.counters().facts_impersonated, 1U);
   EXPECT_EQ(self.manager.counters().senders_impersonated, 0U);
   // The live pose says so, too.
-  self.manager.publish_live(view.slam);
+  LivePose<SE2> here;
+  here.state = view.slam;
+  self.manager.publish_live(here);
   bool said = false;
   for (const auto& message : impersonator->take(0.0))
     if (const auto* live = std::get_if<LivePose<SE2>>(&message.payload))
@@ -144,6 +146,42 @@ TEST(Hardening, ALivePoseThatIsNotFiniteIsRefused) {
   const auto view = self.view_of({2, 1}, 10.0);
   ASSERT_TRUE(view.estimate);
   EXPECT_TRUE(view.estimate->mean.translation().allFinite());
+}
+// Nor does one whose landmarks are none take the place of the last good one, whoever made it.
+TEST(Hardening, ALivePoseWithUnfitLandmarksIsRefused) {
+  test::ScriptedFleet fleet;
+  auto& self = fleet.add(1);
+  auto peer = fleet.network().join();
+  ASSERT_EQ(peer->send({{2, 1}, anchor_fact({2, 1}, 0)}), SendStatus::sent);
+  LivePose<SE2> good;
+  good.chain = {2, 1};
+  good.state.stamp_s = good.state.abscissa_m = 5.0;
+  good.state.pose = SE2(5.0, 0.0, 0.0);
+  for (std::uint32_t i = 0; i < 4; ++i) good.remembered.push_back({i, {1.0 + i, 2.0 * i * i}, 0.01 * Eigen::Matrix2d::Identity()});
+  good.shared = 0.01 * SE2::Covariance::Identity();
+  ASSERT_EQ(peer->send({{2, 1}, good}), SendStatus::sent);
+  std::vector<LivePose<SE2>> bad(6, good);
+  bad[0].remembered[2].position.x() = nan_;
+  bad[1].remembered[2].covariance(0, 0) = -1.0;
+  bad[2].shared(2, 2) = -1.0;
+  bad[3].shared(0, 0) = std::numeric_limits<double>::infinity();
+  bad[4].remembered.resize(9, good.remembered[0]);
+  bad[5].remembered[0].position.y() = 1e7;
+  for (auto& live : bad) {
+    live.state.stamp_s = 6.0;
+    ASSERT_EQ(peer->send({{2, 1}, live}), SendStatus::sent);
+  }
+  self.step(10.0);
+  EXPECT_EQ(self.manager.counters().live_unfit, bad.size());
+  EXPECT_EQ(self.view_of({2, 1}, 10.0).slam.stamp_s, 5.0);
+  // Of our own making: told without them.
+  bad[2].state = ChainState<SE2>();
+  self.manager.publish_live(bad[2]);
+  EXPECT_EQ(self.manager.counters().live_unfit, bad.size() + 1);
+  for (const auto& message : peer->take(0.0))
+    if (const auto* live = std::get_if<LivePose<SE2>>(&message.payload)) {
+      EXPECT_TRUE(live->remembered.empty());
+    }
 }
 double zero_clock() { return 0.0; }
 // The front end closed a segment before this vehicle's chain began.

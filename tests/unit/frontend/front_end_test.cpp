@@ -148,5 +148,52 @@ TYPED_TEST(SharedLoadings, OfOneLandmarkAreNothing) {
   EXPECT_TRUE(shared_loadings<G>(Eigen::MatrixXd(0, 0)).empty());
 }
 
+// A joint covariance that is nothing but an error of the pose and nothing but errors of each one's own.
+template <class G>
+class RigidPartTest : public ::testing::Test {};
+using RigidPartGroups = ::testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(RigidPartTest, RigidPartGroups);
+
+TYPED_TEST(RigidPartTest, TellsWhatMovesThemAllFromWhatIsEachOnesOwn) {
+  using G = TypeParam;
+  test::Random random(7);
+  RelativeLandmarks<G> landmarks;
+  landmarks.positions = test::scattered<G>(random, 40, 20.0);
+  landmarks.tracks.resize(40);
+  Eigen::MatrixXd A(G::Dim * 40, G::Dof);
+  for (int i = 0; i < 40; ++i) A.middleRows(G::Dim * i, G::Dim) = G().act_jacobian(landmarks.positions[std::size_t(i)]);
+  typename G::Covariance B;
+  for (int c = 0; c < G::Dof; ++c) B.col(c) = 0.1 * random.template unit_normal<G::Dof>();
+  const typename G::Covariance P = B * B.transpose();
+  const Eigen::MatrixXd own = 0.04 * Eigen::MatrixXd::Identity(A.rows(), A.rows());
+  landmarks.covariance = A * P * A.transpose();
+  const auto rigid = rigid_part(landmarks);
+  ASSERT_TRUE(rigid);
+  EXPECT_TRUE(rigid->shared.isApprox(P, 1e-9));
+  for (const auto& S : rigid->own) EXPECT_LT((S - 1e-4 * G::PointCovariance::Identity()).norm(), 1e-9) << "the floor";
+  landmarks.covariance += own;
+  const auto both = rigid_part(landmarks);
+  // What 40 errors of their own do to the least-squares pose is shared, too: the little that it is.
+  EXPECT_TRUE(both->shared.isApprox(typename G::Covariance(P + 0.04 * (A.transpose() * A).inverse()), 1e-9));
+  for (const auto& S : both->own) {
+    EXPECT_GT(S.trace(), 0.8 * 0.04 * G::Dim);
+    EXPECT_LT(S.trace(), 1.01 * 0.04 * G::Dim);
+  }
+  // The first two of them alone fix no pose, nor do many in one place.
+  EXPECT_FALSE(rigid_part(subset(landmarks, {0, 1})));
+  for (auto& p : landmarks.positions) p = landmarks.positions[0];
+  EXPECT_FALSE(rigid_part(landmarks));
+}
+
+TYPED_TEST(RigidPartTest, ASubsetKeepsItsBlocks) {
+  using G = TypeParam;
+  test::Random random(8);
+  RelativeLandmarks<G> landmarks{{7, 8, 9}, test::scattered<G>(random, 3, 20.0), Eigen::MatrixXd::Random(3 * G::Dim, 3 * G::Dim)};
+  const auto some = subset(landmarks, {2, 0});
+  EXPECT_EQ(some.tracks, (std::vector<std::uint64_t>{9, 7}));
+  EXPECT_EQ(some.positions[0], landmarks.positions[2]);
+  EXPECT_EQ(some.covariance.block(0, G::Dim, G::Dim, G::Dim), landmarks.covariance.block(2 * G::Dim, 0, G::Dim, G::Dim));
+}
+
 }  // namespace
 }  // namespace convoy

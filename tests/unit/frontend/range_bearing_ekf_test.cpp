@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <limits>
 #include <numeric>
+#include <set>
 
 namespace convoy {
 namespace {
@@ -308,6 +309,34 @@ TEST(RangeBearingEkf, TheExportableStateKnowsNothingByLandmarksThatHaveLeft) {
   EXPECT_TRUE(identical(with.filter().exportable_state(), without.filter().exportable_state()));
   EXPECT_TRUE(identical(without.filter().state(), without.filter().exportable_state()));
   EXPECT_FALSE(identical(with.filter().state(), with.filter().exportable_state()));
+}
+
+// Landmarks that were exported are still known, where they are from here, with the covariance that is stated.
+TEST(RangeBearingEkf, RemembersWhereExportedLandmarksAreFromHere) {
+  double nees = 0.0;
+  int dof = 0;
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    test::RangeBearingWorld world(test::quiet_params(), seed);
+    world.drive(70.0, 0.04);
+    std::set<std::uint64_t> exported;
+    for (const auto& segment : world.filter().take_segments())
+      for (const auto& landmark : segment.landmarks) exported.insert(landmark.track);
+    ASSERT_FALSE(exported.empty());
+    const RelativeLandmarks<SE2> all = world.filter().remembered();
+    std::vector<std::size_t> indices;
+    for (std::size_t i = 0; i < all.tracks.size(); ++i)
+      if (exported.count(all.tracks[i]) > 0) indices.push_back(i);
+    ASSERT_GE(indices.size(), 5U);
+    const RelativeLandmarks<SE2> known = subset(all, indices);
+    Eigen::VectorXd error(2 * static_cast<Eigen::Index>(indices.size()));
+    for (std::size_t i = 0; i < indices.size(); ++i)
+      error.segment<2>(2 * static_cast<Eigen::Index>(i)) =
+          known.positions[i] - world.truth().inverse() * world.points()[known.tracks[i]];
+    nees += squared_mahalanobis(error, known.covariance);
+    dof += static_cast<int>(error.size());
+  }
+  EXPECT_GT(nees / dof, 0.8);
+  EXPECT_LT(nees / dof, 1.2);
 }
 
 TEST(RangeBearingEkf, MovesOnWithTimeAlone) {

@@ -147,10 +147,32 @@ TEST_P(RandomMatrices, JointCovarianceOfAnyTwo) {
     const Eigen::MatrixXd expected = inverse.block(matrix.offset(i), matrix.offset(j), matrix.size(i), matrix.size(j));
     EXPECT_LT((solver.covariance(i, j) - expected).norm(), 1e-11) << i << ", " << j;
     if (i == j) continue;
-    const Eigen::MatrixXd joint = solver.joint_covariance(i, j);
+    const Eigen::MatrixXd joint = solver.joint_covariance({i, j});
     EXPECT_LT((joint.topRightCorner(matrix.size(i), matrix.size(j)) - expected).norm(), 1e-11);
     EXPECT_EQ(joint, joint.transpose());
   }
+}
+
+TEST_P(RandomMatrices, JointCovarianceOfAnyNumber) {
+  BlockCholesky solver(matrix.pattern());
+  matrix.fill(solver);
+  ASSERT_TRUE(solver.factor().ok());
+  const Eigen::MatrixXd inverse = matrix.dense.inverse();
+  std::vector<int> blocks;  // every other one, from the last
+  for (int b = solver.blocks() - 1; b >= 0 && blocks.size() < 7; b -= 2) blocks.push_back(b);
+  const Eigen::MatrixXd joint = solver.joint_covariance(blocks);
+  EXPECT_EQ(joint, joint.transpose());
+  int row = 0;
+  for (const int i : blocks) {
+    int column = 0;
+    for (const int j : blocks) {
+      const Eigen::MatrixXd expected = inverse.block(matrix.offset(i), matrix.offset(j), matrix.size(i), matrix.size(j));
+      EXPECT_LT((joint.block(row, column, matrix.size(i), matrix.size(j)) - expected).norm(), 1e-11);
+      column += matrix.size(j);
+    }
+    row += matrix.size(i);
+  }
+  ASSERT_EQ(row, joint.rows());
 }
 
 TEST_P(RandomMatrices, DampingScalesTheDiagonal) {
