@@ -177,6 +177,7 @@ TEST(Demo, FiveRealRobotsWithHiddenIdentities) {
   expect_whole(metrics);
   EXPECT_LE(metrics["fleet_ate_m"], 0.25);
   for (const json& vehicle : metrics["vehicles"]) EXPECT_LT(vehicle["peak_rss_mb"], 64.0);
+  for (const json& pair : metrics["pairs"]) EXPECT_LE(pair["distance_rmse_corrected_m"], 0.25) << pair;
 
   const Outcome impaired = run_convoy("demo " + dataset + " --rate 30 --impair loss=0.3,duplicate=0.3,jitter=3 --out " +
                                       (scratch / "impaired").string());

@@ -1,4 +1,5 @@
 // Which hypotheses between two chains hold together (DESIGN B5, T2 and T3), and what is done with those that do not.
+#include <convoy/geometry/chi2.hpp>
 #include <convoy/map/consensus.hpp>
 
 #include "sample_fleet.hpp"
@@ -145,20 +146,22 @@ struct Street {
     std::vector<Pairing> pairs;
     for (std::uint32_t n = 0; n < 10; ++n) {
       const Eigen::Vector2d place(40.0 + 3.0 * n, 40.0 + n % 3 * 4.0);  // apart from what there is
-      Key keys[2];
-      for (const std::size_t side : {0U, 1U}) {
-        test::Landmark l;
-        l.key = {test::chain_of(side == 0 ? 1 : 2), next_++};
-        l.anchor = (side == 0 ? a[i] : b[j]).index;
-        l.position = place;
-        l.covariance = 0.02 * Eigen::Matrix2d::Identity();
-        l.loading.setZero();
-        fleet.facts.emplace_back(l);
-        keys[side] = l.key;
-      }
-      pairs.emplace_back(keys[0], keys[1]);
+      pairs.emplace_back(landmark(a[i], place), landmark(b[j], place));
     }
     return fleet.associate(1, canonical(pairs));
+  }
+
+  /// Stop i of both, seen twice: ten landmarks of vehicle 1, and for each of them two of vehicle 2, `apart_m` from each other.
+  std::pair<Hash, Hash> double_sight(std::size_t i, double apart_m) {
+    const SE2 T_b_a = fleet.truth.at(b[i]).inverse() * fleet.truth.at(a[i]);
+    std::vector<Pairing> one, other;
+    for (std::uint32_t n = 0; n < 10; ++n) {
+      const Eigen::Vector2d place(40.0 + 3.0 * n, 40.0 + n % 3 * 4.0);
+      const Key of_a = landmark(a[i], place);
+      one.emplace_back(of_a, landmark(b[i], T_b_a * place));
+      other.emplace_back(of_a, landmark(b[i], T_b_a * place + Eigen::Vector2d(apart_m, 0.0)));
+    }
+    return {fleet.associate(1, canonical(one)), fleet.associate(1, canonical(other))};
   }
 
   HypothesisState state_of(Hash id) const {
@@ -172,6 +175,17 @@ struct Street {
   std::vector<Key> a, b;
 
  private:
+  Key landmark(const Key& anchor, const Eigen::Vector2d& place) {
+    test::Landmark l;
+    l.key = {anchor.chain, next_++};
+    l.anchor = anchor.index;
+    l.position = place;
+    l.covariance = 0.02 * Eigen::Matrix2d::Identity();
+    l.loading.setZero();
+    fleet.facts.emplace_back(l);
+    return l.key;
+  }
+
   std::uint32_t next_ = 1000;
 };
 
@@ -265,6 +279,64 @@ TEST(Consensus, TwoWaysThatAreNearlyAsGoodAreNoWay) {
   Street known(test::fair_start);
   for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(known.state_of(known.truth(i)), HypothesisState::accepted);
   for (std::size_t i = 0; i < 3; ++i) EXPECT_EQ(known.state_of(known.alias(i, i + 1)), HypothesisState::prior);
+}
+
+// One place that could be taken in two ways costs that place and no other.
+TEST(Consensus, AnAmbiguousPlaceLeavesUndisputedOnesAlone) {
+  for (const SE2::Tangent& bias : {unknown, test::fair_start}) {
+    Street street(bias, 3, 7);
+    std::vector<Hash> undisputed;
+    for (std::size_t i = 0; i < 6; ++i) undisputed.push_back(street.truth(i));
+    const auto [one, other] = street.double_sight(6, 0.15);
+    EXPECT_EQ(street.state_of(one), HypothesisState::ambiguous);
+    EXPECT_EQ(street.state_of(other), HypothesisState::ambiguous);
+    for (const Hash id : undisputed) EXPECT_EQ(street.state_of(id), HypothesisState::accepted);
+    const auto global = test::built(street.fleet.store());
+    EXPECT_TRUE(global.map->aligned(test::chain_of(2)));
+  }
+}
+
+// The test of a loop is symmetric but for rounding and first order. Where its two values lie on both sides of the gate, one
+// of them counts, whichever hypothesis came first.
+TEST(Consensus, ALoopThatStraddlesTheGateIsJudgedAlikeInEveryOrder) {
+  int straddling = 0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Street street(unknown, seed);
+    street.truth(0);
+    street.truth(4);
+    std::vector<Hypothesis<SE2>> both;
+    SelectionParams params;
+    for (const auto& h : select(street.fleet.store(), params).hypotheses)
+      if (h.state == HypothesisState::accepted) both.push_back(h);
+    if (both.size() != 2) continue;  // too few landmarks there
+    const double forth = loop_chi2(street.fleet.store(), both[0], both[1], params.slack);
+    const double back = loop_chi2(street.fleet.store(), both[1], both[0], params.slack);
+    if (forth == back) continue;
+    double low = 0.0, high = 1.0;  // the confidence whose gate lies between the two
+    for (int i = 0; i < 100; ++i)
+      (chi2_quantile(0.5 * (low + high), SE2::Dof) < 0.5 * (forth + back) ? low : high) = 0.5 * (low + high);
+    params.map_residual = low;
+    const double gate = chi2_quantile(low, SE2::Dof);
+    if (!((forth < gate) != (back < gate))) continue;
+    ++straddling;
+    std::vector<std::size_t> stated;  // where the two statements are among the facts
+    for (std::size_t k = 0; k < street.fleet.facts.size(); ++k)
+      if (std::holds_alternative<AssociationFact>(street.fleet.facts[k])) stated.push_back(k);
+    std::vector<std::vector<HypothesisState>> states;
+    for (const bool swapped : {false, true}) {
+      Selector<SE2> selector(params);
+      FactStore<SE2> growing;
+      for (std::size_t k = 0; k < stated[0]; ++k) test::insert(growing, street.fleet.facts[k]);
+      for (const bool late : {false, true}) {
+        test::insert(growing, street.fleet.facts[stated[late != swapped]]);
+        selector.select(growing);
+      }
+      states.emplace_back();
+      for (const auto& h : selector.select(growing).hypotheses) states.back().push_back(h.state);
+    }
+    EXPECT_EQ(states[0], states[1]) << "seed " << seed << ", " << forth << " and " << back;
+  }
+  EXPECT_GE(straddling, 5);
 }
 
 // Whichever of two loops is gone round first, whatever was asked before.
