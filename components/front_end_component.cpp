@@ -22,7 +22,12 @@ constexpr double trail_spacing_m = 1.0;
 template <class G>
 FrontEndComponent<G>::FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>& manager, const DriftParams<G>& drift,
                                         double live_period_s)
-    : front_end_(front_end), manager_(manager), start_(front_end.state()), params_(drift), live_period_s_(live_period_s), drift_(drift),
+    : front_end_(front_end),
+      manager_(manager),
+      start_(front_end.state()),
+      params_(drift),
+      live_period_s_(live_period_s),
+      drift_(drift),
       drift_at_anchor_(drift) {
   state_.stamp_s = start_.stamp_s;
   front_end_.take_segments();  // what converged before this chain began belongs to no anchor of it
@@ -51,10 +56,14 @@ template <class G>
 void FrontEndComponent<G>::publish_live() {
   const RelativeLandmarks<G> known = front_end_.remembered();
   const std::size_t n = known.tracks.size();
-  if (known.positions.size() != n || static_cast<std::size_t>(known.covariance.rows()) != G::Dim * n || known.covariance.rows() != known.covariance.cols())
-    throw ConfigError("front end: remembered() must give one position per track and their joint covariance, (Dim n) x (Dim n)");
-  std::unordered_map<std::uint64_t, std::uint32_t> still_known;  // a track that is forgotten may be another thing next time
-  std::vector<std::size_t> best;  // of `known`, those that the map has joined to others: the rest say no more than their anchors
+  if (known.positions.size() != n || static_cast<std::size_t>(known.covariance.rows()) != G::Dim * n ||
+      known.covariance.rows() != known.covariance.cols())
+    throw ConfigError(
+        "front end: remembered() must give one position per track and their joint covariance, (Dim n) x (Dim n)");
+  std::unordered_map<std::uint64_t, std::uint32_t>
+      still_known;  // a track that is forgotten may be another thing next time
+  std::vector<std::size_t>
+      best;  // of `known`, those that the map has joined to others: the rest say no more than their anchors
   for (std::size_t i = 0; i < known.tracks.size(); ++i) {
     const auto exported = exported_.find(known.tracks[i]);
     if (exported == exported_.end()) continue;
@@ -62,7 +71,9 @@ void FrontEndComponent<G>::publish_live() {
     if (manager_.map().class_of.count({manager_.self(), exported->second}) > 0) best.push_back(i);
   }
   exported_ = std::move(still_known);
-  const auto variance = [&](std::size_t i) { return known.covariance.diagonal().segment(G::Dim * static_cast<Eigen::Index>(i), G::Dim).sum(); };
+  const auto variance = [&](std::size_t i) {
+    return known.covariance.diagonal().segment(G::Dim * static_cast<Eigen::Index>(i), G::Dim).sum();
+  };
   std::stable_sort(best.begin(), best.end(), [&](std::size_t a, std::size_t b) { return variance(a) < variance(b); });
   best.resize(std::min(best.size(), LivePose<G>::max_remembered));
 

@@ -1,5 +1,5 @@
-// FrontEndComponent: hosts a vehicle's own SLAM and exports its converged landmarks once and for all (paper, Fig. 4, the
-// arrow from the low level to the submap). Here the drift, which the SLAM knows nothing of, is added.
+// FrontEndComponent: hosts a vehicle's own SLAM and exports its converged landmarks once and for all (paper, Fig. 4,
+// the arrow from the low level to the submap). Here the drift, which the SLAM knows nothing of, is added.
 #pragma once
 
 #include <convoy/components/submap_manager.hpp>

@@ -25,34 +25,34 @@ struct SubmapManagerParams {
   RepairParams repair;
   SelectionParams selection;
   MapBackend backend = MapBackend::sparse;
-  double map_period_s = 1.0;    ///< between two rebuilds at least, > 0; nothing is done while no fact is new
-  double stale_peer_s = 15.0;   ///< a vehicle not heard of for longer is reported as stale, > 0
-  std::uint64_t seed = 1;       ///< of the repair protocol's jitter
+  double map_period_s = 1.0;   ///< between two rebuilds at least, > 0; nothing is done while no fact is new
+  double stale_peer_s = 15.0;  ///< a vehicle not heard of for longer is reported as stale, > 0
+  std::uint64_t seed = 1;      ///< of the repair protocol's jitter
 };
 
 /// A vehicle as this one knows it.
 template <class G>
 struct VehicleState {
   ChainId chain;
-  ChainState<G> slam;                    ///< what its own SLAM said last
-  std::optional<Estimate<G>> estimate;   ///< in the common frame, if aligned
+  ChainState<G> slam;                   ///< what its own SLAM said last
+  std::optional<Estimate<G>> estimate;  ///< in the common frame, if aligned
   Integrity integrity = Integrity::unaligned;
-  std::uint32_t reasons = reason_none;   ///< bits of IntegrityReason
-  double heard_s = 0.0;                  ///< when, on this vehicle's clock
+  std::uint32_t reasons = reason_none;  ///< bits of IntegrityReason
+  double heard_s = 0.0;                 ///< when, on this vehicle's clock
 };
 
 struct SubmapManagerCounters {
   std::uint64_t facts_published = 0;
-  std::uint64_t facts_received = 0;      ///< taken in from others
-  std::uint64_t facts_unfit = 0;         ///< of this vehicle's own making, and left out
-  std::uint64_t fixes_thinned = 0;       ///< absolute fixes within the correlation time of one published: not needed
-  std::uint64_t live_unfit = 0;          ///< live poses that were not finite or beyond the limits
-  std::uint64_t unknown_senders = 0;     ///< messages of vehicles that are not on the roster
-  std::uint64_t facts_impersonated = 0;  ///< claimed to be this vehicle's own, and were not: refused
-  std::uint64_t senders_impersonated = 0;///< messages that somebody else has sent under this vehicle's id
-  std::uint64_t sends_rejected = 0;      ///< the network would not take it; repair makes up for it
-  std::uint64_t dimension_mismatch = 0;  ///< digests of fleets of another dimension
-  std::uint64_t disagreements = 0;       ///< digests with our facts and another map
+  std::uint64_t facts_received = 0;        ///< taken in from others
+  std::uint64_t facts_unfit = 0;           ///< of this vehicle's own making, and left out
+  std::uint64_t fixes_thinned = 0;         ///< absolute fixes within the correlation time of one published: not needed
+  std::uint64_t live_unfit = 0;            ///< live poses that were not finite or beyond the limits
+  std::uint64_t unknown_senders = 0;       ///< messages of vehicles that are not on the roster
+  std::uint64_t facts_impersonated = 0;    ///< claimed to be this vehicle's own, and were not: refused
+  std::uint64_t senders_impersonated = 0;  ///< messages that somebody else has sent under this vehicle's id
+  std::uint64_t sends_rejected = 0;        ///< the network would not take it; repair makes up for it
+  std::uint64_t dimension_mismatch = 0;    ///< digests of fleets of another dimension
+  std::uint64_t disagreements = 0;         ///< digests with our facts and another map
   std::uint64_t maps_built = 0;
 };
 
@@ -96,11 +96,13 @@ class SubmapManager {
   bool publish_association(std::vector<Pairing> pairings);
   void publish_verdict(Hash hypothesis, bool veto);
   /// A receiver of absolute positions said where its antenna (`lever`, body frame) was when the SLAM was at `state`:
-  /// `position`, east-north(-up) of the fleet's datum [m], `covariance` [m^2]. Call after open_chain(). False if it is not
-  /// fit to be a fact. One that the map would not take beside the last one (`fix_correlation_s`) is not sent, and counted.
-  bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever, const typename G::Point& position,
-                            const typename G::PointCovariance& covariance);
-  /// Where this vehicle is now: `state`, `remembered` and `shared` are the caller's. Not a fact: only the last one counts.
+  /// `position`, east-north(-up) of the fleet's datum [m], `covariance` [m^2]. Call after open_chain(). False if it is
+  /// not fit to be a fact. One that the map would not take beside the last one (`fix_correlation_s`) is not sent, and
+  /// counted.
+  bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever,
+                            const typename G::Point& position, const typename G::PointCovariance& covariance);
+  /// Where this vehicle is now: `state`, `remembered` and `shared` are the caller's. Not a fact: only the last one
+  /// counts.
   void publish_live(LivePose<G> live);
 
   /// Takes what has come in, sends what is due (requests, answers, the digest).

@@ -65,8 +65,8 @@ std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>& landmarks) {
   return part;
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                   \
-  template std::vector<typename G::Loading> shared_loadings<G>(const Eigen::MatrixXd&);         \
+#define CONVOY_INSTANTIATE(G)                                                                         \
+  template std::vector<typename G::Loading> shared_loadings<G>(const Eigen::MatrixXd&);               \
   template RelativeLandmarks<G> subset(const RelativeLandmarks<G>&, const std::vector<std::size_t>&); \
   template std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)

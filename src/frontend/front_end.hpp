@@ -1,10 +1,11 @@
-// FrontEnd: the seam to a vehicle's own ("low-level") SLAM, whatever it is (paper, Section III: "any sensor and filtering
-// method as long as it furnishes accurate landmarks and their uncertainties along with vehicle information").
+// FrontEnd: the seam to a vehicle's own ("low-level") SLAM, whatever it is (paper, Section III: "any sensor and
+// filtering method as long as it furnishes accurate landmarks and their uncertainties along with vehicle information").
 //
 // What a front end promises, checked by the contract tests:
 // - each landmark is exported once, in a segment, and has left the SLAM then: a later sighting is a new landmark;
 // - landmark covariances are relative to the closing anchor, never to the start frame (DESIGN B3);
-// - stamps and abscissa never decrease, nor does slam_drift from anchor to anchor (between anchors a SLAM may regain some
+// - stamps and abscissa never decrease, nor does slam_drift from anchor to anchor (between anchors a SLAM may regain
+// some
 //   of what it lost); poses are in the start frame of the epoch, whose first pose is the identity.
 #pragma once
 
@@ -28,15 +29,15 @@ struct FrontEndState {
 
 template <class G>
 struct FrozenLandmark {
-  typename G::Point position = G::Point::Zero();  ///< in the closing anchor's frame [m]
+  typename G::Point position = G::Point::Zero();                        ///< in the closing anchor's frame [m]
   typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< relative to the closing anchor [m^2]
   typename G::Loading loading = G::Loading::Zero();  ///< shared part of the error, see LandmarkFact; zero: none stated
   Descriptor descriptor;
   std::uint64_t track = 0;  ///< the front end's own name for what it followed; never leaves the vehicle
 };
 
-/// Splits the joint covariance of a batch (Dim n x Dim n, positive semidefinite) into the loadings of each landmark: the
-/// G::Shared strongest components that they have in common. Exact in every landmark's own block.
+/// Splits the joint covariance of a batch (Dim n x Dim n, positive semidefinite) into the loadings of each landmark:
+/// the G::Shared strongest components that they have in common. Exact in every landmark's own block.
 template <class G>
 std::vector<typename G::Loading> shared_loadings(const Eigen::MatrixXd& joint);
 
@@ -53,21 +54,22 @@ struct Segment {
 /// Landmarks that a SLAM still knows, relative to where it is now.
 template <class G>
 struct RelativeLandmarks {
-  std::vector<std::uint64_t> tracks;           ///< the front end's own names, as in FrozenLandmark
-  std::vector<typename G::Point> positions;    ///< body frame [m]
-  Eigen::MatrixXd covariance;                  ///< joint, Dim n x Dim n [m^2]
+  std::vector<std::uint64_t> tracks;         ///< the front end's own names, as in FrozenLandmark
+  std::vector<typename G::Point> positions;  ///< body frame [m]
+  Eigen::MatrixXd covariance;                ///< joint, Dim n x Dim n [m^2]
 };
 
 /// Some of them, in the order of `indices`.
 template <class G>
 RelativeLandmarks<G> subset(const RelativeLandmarks<G>& landmarks, const std::vector<std::size_t>& indices);
 
-/// The joint covariance of landmarks in two parts: what moves them all like one body, and what is each one's own (its block
-/// of the rest, with a floor of (1 cm)^2).
+/// The joint covariance of landmarks in two parts: what moves them all like one body, and what is each one's own (its
+/// block of the rest, with a floor of (1 cm)^2).
 template <class G>
 struct RigidPart {
-  typename G::Covariance shared = G::Covariance::Zero();  ///< as an error of the pose they are seen from: right perturbation
-  std::vector<typename G::PointCovariance> own;           ///< [m^2]
+  typename G::Covariance shared =
+      G::Covariance::Zero();                     ///< as an error of the pose they are seen from: right perturbation
+  std::vector<typename G::PointCovariance> own;  ///< [m^2]
 };
 
 /// Empty if they are fewer than Dim + 1, or lie so that they do not fix a pose.
@@ -79,11 +81,11 @@ class FrontEnd {
  public:
   virtual ~FrontEnd() = default;
   virtual FrontEndState<G> state() const = 0;
-  /// The same without what no fact may use (DESIGN R5), for facts that are stated between anchors. A SLAM that knows its
-  /// present pose by landmarks it has exported must leave them out here; relative to the last anchor.
+  /// The same without what no fact may use (DESIGN R5), for facts that are stated between anchors. A SLAM that knows
+  /// its present pose by landmarks it has exported must leave them out here; relative to the last anchor.
   virtual FrontEndState<G> exportable_state() const { return state(); }
-  /// What a SLAM knows of landmarks that it has exported, if it goes on seeing them: the live pose is improved by laying
-  /// them onto the map. No fact uses it. Others may be among them.
+  /// What a SLAM knows of landmarks that it has exported, if it goes on seeing them: the live pose is improved by
+  /// laying them onto the map. No fact uses it. Others may be among them.
   virtual RelativeLandmarks<G> remembered() const { return {}; }
   /// Segments closed since the last call, oldest first; none closes later than state().
   virtual std::vector<Segment<G>> take_segments() = 0;

@@ -23,7 +23,8 @@ Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
   Remembered<G> known;
   for (const RememberedLandmark<G>& l : live.remembered) {
     const auto found = map.class_of.find({live.chain, l.index});
-    if (found == map.class_of.end() || std::find(known.at.begin(), known.at.end(), found->second) != known.at.end()) continue;
+    if (found == map.class_of.end() || std::find(known.at.begin(), known.at.end(), found->second) != known.at.end())
+      continue;
     known.landmarks.push_back(l);
     known.at.push_back(found->second);
   }
@@ -34,13 +35,14 @@ Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
 template <class G>
 struct Laid {
   G pose;
-  Eigen::MatrixXd gain;                                   // Dof x Dim n: d_pose = gain d_points
-  typename G::Covariance own = G::Covariance::Zero();     // of the landmarks' own errors
-  std::vector<double> chi2;                               // of each landmark
+  Eigen::MatrixXd gain;                                // Dof x Dim n: d_pose = gain d_points
+  typename G::Covariance own = G::Covariance::Zero();  // of the landmarks' own errors
+  std::vector<double> chi2;                            // of each landmark
 };
 
 template <class G>
-std::optional<Laid<G>> lay(const std::vector<RememberedLandmark<G>>& landmarks, const std::vector<typename G::Point>& points,
+std::optional<Laid<G>> lay(const std::vector<RememberedLandmark<G>>& landmarks,
+                           const std::vector<typename G::Point>& points,
                            const std::vector<typename G::PointCovariance>& of_points, const G& start) {
   const auto n = static_cast<Eigen::Index>(landmarks.size());
   Laid<G> laid{start, Eigen::MatrixXd(G::Dof, G::Dim * n), {}, {}};
@@ -95,10 +97,10 @@ std::optional<std::vector<typename G::PointCovariance>> own_of(const Surrounding
   return std::move(part->own);
 }
 
-// Of the mixtures T_1 Exp((1 - w) e) of two poses, e = Log(T_1^-1 T_2), the one whose covariance is smallest. What the map
-// contributes to both is known; what the SLAM contributes is not independent, and w Q + (1 - w) S is no smaller than the
-// covariance of w q + (1 - w) s, whatever q and s have in common.
-// Empty if the two contradict each other: one of them is not what it says.
+// Of the mixtures T_1 Exp((1 - w) e) of two poses, e = Log(T_1^-1 T_2), the one whose covariance is smallest. What the
+// map contributes to both is known; what the SLAM contributes is not independent, and w Q + (1 - w) S is no smaller
+// than the covariance of w q + (1 - w) s, whatever q and s have in common. Empty if the two contradict each other: one
+// of them is not what it says.
 template <class G>
 std::optional<Estimate<G>> mixed(const Surroundings<G>& around, const Laid<G>& laid, const typename G::Covariance& S) {
   const Eigen::Index n = laid.gain.cols();
@@ -109,8 +111,9 @@ std::optional<Estimate<G>> mixed(const Surroundings<G>& around, const Laid<G>& l
   if (!(squared_mahalanobis(e, symmetrised(apart)) < chi2_quantile(0.9999, G::Dof))) return std::nullopt;
   const auto of = [&](double w) {
     F << w * G::Covariance::Identity(), (1.0 - w) * laid.gain;
-    return Estimate<G>{around.pose * G::Exp((1.0 - w) * e),
-                       symmetrised(typename G::Covariance(F * around.covariance * F.transpose() + w * around.motion + (1.0 - w) * S))};
+    return Estimate<G>{
+        around.pose * G::Exp((1.0 - w) * e),
+        symmetrised(typename G::Covariance(F * around.covariance * F.transpose() + w * around.motion + (1.0 - w) * S))};
   };
   Estimate<G> best = of(1.0);
   constexpr int steps = 10;

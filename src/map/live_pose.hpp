@@ -1,5 +1,5 @@
-// Where a vehicle is right now: its last anchor in the map continued by what its SLAM says, and the landmarks that its SLAM
-// remembers laid onto those of the map (DESIGN B3). Nothing of this is a fact, nor enters any map.
+// Where a vehicle is right now: its last anchor in the map continued by what its SLAM says, and the landmarks that its
+// SLAM remembers laid onto those of the map (DESIGN B3). Nothing of this is a fact, nor enters any map.
 #pragma once
 
 #include <convoy/exchange/message.hpp>
@@ -9,9 +9,9 @@
 
 namespace convoy {
 
-/// T_common_body where `live` was sent, by a map. Empty if the map does not know the chain. Without three (in space: four)
-/// remembered landmarks that fit points of the map it is Map::pose(), and so it is when the two contradict each other. The
-/// map is asked for covariances, and not changed.
+/// T_common_body where `live` was sent, by a map. Empty if the map does not know the chain. Without three (in space:
+/// four) remembered landmarks that fit points of the map it is Map::pose(), and so it is when the two contradict each
+/// other. The map is asked for covariances, and not changed.
 template <class G>
 std::optional<Estimate<G>> live_pose(const GlobalMap<G>& map, const LivePose<G>& live);
 

@@ -12,7 +12,10 @@ namespace convoy {
 template <class G>
 Map<G>::Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points, SolveReport report,
             std::unique_ptr<CovarianceSource<G>> covariances)
-    : problem_(std::move(problem)), poses_(std::move(poses)), points_(std::move(points)), report_(report),
+    : problem_(std::move(problem)),
+      poses_(std::move(poses)),
+      points_(std::move(points)),
+      report_(report),
       covariances_(std::move(covariances)) {
   ContentHash hash;
   for (const ChainSpan& span : problem_.chains)
@@ -114,7 +117,8 @@ std::optional<Surroundings<G>> Map<G>::surroundings(const ChainId& chain, const 
   F.template block<G::Dof, G::Dof>(0, 0) = p.A;
   if (p.second >= 0) F.template block<G::Dof, G::Dof>(0, G::Dof) = p.B;
   F.bottomRightCorner(rest, rest).setIdentity();
-  Surroundings<G> around{p.mean, p.noise, {}, symmetrised(Eigen::MatrixXd(F * covariances_->joint(nodes, classes) * F.transpose()))};
+  Surroundings<G> around{
+      p.mean, p.noise, {}, symmetrised(Eigen::MatrixXd(F * covariances_->joint(nodes, classes) * F.transpose()))};
   for (const int c : classes) around.points.push_back(points_[static_cast<std::size_t>(c)]);
   return around;
 }
@@ -127,9 +131,9 @@ std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, cons
   if (!estimate) return std::nullopt;
   const typename G::PointJacobian H = estimate->mean.act_jacobian(l.position);
   const auto R = estimate->mean.rotation();
-  return PointEstimate<G>{
-      estimate->mean * l.position,
-      symmetrised(typename G::PointCovariance(H * estimate->covariance * H.transpose() + R * l.covariance * R.transpose()))};
+  return PointEstimate<G>{estimate->mean * l.position,
+                          symmetrised(typename G::PointCovariance(H * estimate->covariance * H.transpose() +
+                                                                  R * l.covariance * R.transpose()))};
 }
 
 template <class G>
@@ -144,9 +148,9 @@ std::optional<Estimate<G>> Map<G>::datum() {
                      symmetrised(covariances_->nodes(problem_.datum, problem_.datum))};
 }
 
-// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the fix' own share in its residual taken off, w^T M^-1 w is what a map
-// without the fix would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance without the fix in units of the
-// fix' own; where it is nothing but rounding, nothing but the fix itself determines that direction.
+// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the fix' own share in its residual taken off, w^T M^-1 w is what
+// a map without the fix would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance without the fix in units of
+// the fix' own; where it is nothing but rounding, nothing but the fix itself determines that direction.
 template <class G>
 std::pair<double, int> Map<G>::contradiction(const AbsoluteFixFactor<G>& f) {
   const G& T = poses_[static_cast<std::size_t>(f.node)];

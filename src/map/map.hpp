@@ -38,10 +38,11 @@ class CovarianceSource {
 /// A pose and points around it as the map knows them together.
 template <class G>
 struct Surroundings {
-  G pose;                                    ///< T_common_body
-  typename G::Covariance motion = G::Covariance::Zero();  ///< of what it owes to the SLAM since the last node, not the map
-  std::vector<typename G::Point> points;     ///< common frame [m]
-  Eigen::MatrixXd covariance;                ///< joint, (Dof + Dim n)^2, of (d_pose, d_points), without `motion`
+  G pose;  ///< T_common_body
+  typename G::Covariance motion =
+      G::Covariance::Zero();              ///< of what it owes to the SLAM since the last node, not the map
+  std::vector<typename G::Point> points;  ///< common frame [m]
+  Eigen::MatrixXd covariance;             ///< joint, (Dof + Dim n)^2, of (d_pose, d_points), without `motion`
 };
 
 /// How a solution was reached.
@@ -74,7 +75,8 @@ class Map {
 
   /// The pose where a vehicle's SLAM said `state`, with the points of some classes of the selection (each named once).
   /// Empty if the chain is unknown.
-  std::optional<Surroundings<G>> surroundings(const ChainId& chain, const ChainState<G>& state, const std::vector<int>& classes);
+  std::optional<Surroundings<G>> surroundings(const ChainId& chain, const ChainState<G>& state,
+                                              const std::vector<int>& classes);
 
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
@@ -85,12 +87,12 @@ class Map {
   /// T_enu_common, from absolute fixes. Empty if they do not fix it, or if the common frame is east-north(-up) itself.
   std::optional<Estimate<G>> datum();
 
-  /// How far an absolute fix of the problem lies from a map that has not heard of it: squared Mahalanobis distance, and the
-  /// number of directions in which the others say anything (0: none).
+  /// How far an absolute fix of the problem lies from a map that has not heard of it: squared Mahalanobis distance, and
+  /// the number of directions in which the others say anything (0: none).
   std::pair<double, int> contradiction(const AbsoluteFixFactor<G>& fix);
 
   const Problem<G>& problem() const { return problem_; }
-  const std::vector<G>& poses() const { return poses_; }  ///< of Problem::nodes
+  const std::vector<G>& poses() const { return poses_; }                    ///< of Problem::nodes
   const std::vector<typename G::Point>& points() const { return points_; }  ///< of Problem::points
   const SolveReport& report() const { return report_; }
   /// Hash of every pose and point to the bit. Equal for equal facts.

@@ -188,11 +188,13 @@ TYPED_TEST(RigidPartTest, TellsWhatMovesThemAllFromWhatIsEachOnesOwn) {
 TYPED_TEST(RigidPartTest, ASubsetKeepsItsBlocks) {
   using G = TypeParam;
   test::Random random(8);
-  RelativeLandmarks<G> landmarks{{7, 8, 9}, test::scattered<G>(random, 3, 20.0), Eigen::MatrixXd::Random(3 * G::Dim, 3 * G::Dim)};
+  RelativeLandmarks<G> landmarks{
+      {7, 8, 9}, test::scattered<G>(random, 3, 20.0), Eigen::MatrixXd::Random(3 * G::Dim, 3 * G::Dim)};
   const auto some = subset(landmarks, {2, 0});
   EXPECT_EQ(some.tracks, (std::vector<std::uint64_t>{9, 7}));
   EXPECT_EQ(some.positions[0], landmarks.positions[2]);
-  EXPECT_EQ(some.covariance.block(0, G::Dim, G::Dim, G::Dim), landmarks.covariance.block(2 * G::Dim, 0, G::Dim, G::Dim));
+  EXPECT_EQ(some.covariance.block(0, G::Dim, G::Dim, G::Dim),
+            landmarks.covariance.block(2 * G::Dim, 0, G::Dim, G::Dim));
 }
 
 }  // namespace

@@ -61,7 +61,8 @@ TEST(HeaviestClique, IsTheOneThatTryingAllFinds) {
   test::Random random(4);
   for (int round = 0; round < 60; ++round) {
     const Graph graph = random_graph(random, 1 + static_cast<std::size_t>(round) % 13, 0.15 * (1 + round % 6));
-    EXPECT_EQ(weight_of(graph, heaviest_clique(graph.related, graph.all, graph.weights)), heaviest_by_trying_all(graph));
+    EXPECT_EQ(weight_of(graph, heaviest_clique(graph.related, graph.all, graph.weights)),
+              heaviest_by_trying_all(graph));
   }
 }
 
@@ -76,8 +77,8 @@ TEST(HeaviestClique, OfNothingIsEmptyAndOfSomeLooksAtNoOthers) {
     EXPECT_TRUE(std::count(some.begin(), some.end(), i)) << i;
 }
 
-// Two hundred true ones and a few false ones that agree with nobody: found without a search worth the name. And where there
-// is no order at all, what is found within the budget is a clique.
+// Two hundred true ones and a few false ones that agree with nobody: found without a search worth the name. And where
+// there is no order at all, what is found within the budget is a clique.
 TEST(HeaviestClique, StaysInItsBudget) {
   test::Random random(6);
   Graph graph = random_graph(random, 220, 0.0);
@@ -112,7 +113,8 @@ TYPED_TEST(Loops, OfTrueHypothesesAreAsLongAsTheirCovarianceSays) {
     const auto store = fleet.store();
     std::vector<Hypothesis<G>> of_1_and_2;
     for (const Hypothesis<G>& h : select(store, SelectionParams{}).hypotheses)
-      if (h.state == HypothesisState::accepted && h.batch_a.chain == test::chain_of(1) && h.batch_b.chain == test::chain_of(2))
+      if (h.state == HypothesisState::accepted && h.batch_a.chain == test::chain_of(1) &&
+          h.batch_b.chain == test::chain_of(2))
         of_1_and_2.push_back(h);
     // Two that share no batch: else the landmarks' errors cancel.
     for (const auto& h : of_1_and_2)
@@ -151,7 +153,8 @@ struct Street {
     return fleet.associate(1, canonical(pairs));
   }
 
-  /// Stop i of both, seen twice: ten landmarks of vehicle 1, and for each of them two of vehicle 2, `apart_m` from each other.
+  /// Stop i of both, seen twice: ten landmarks of vehicle 1, and for each of them two of vehicle 2, `apart_m` from each
+  /// other.
   std::pair<Hash, Hash> double_sight(std::size_t i, double apart_m) {
     const SE2 T_b_a = fleet.truth.at(b[i]).inverse() * fleet.truth.at(a[i]);
     std::vector<Pairing> one, other;
@@ -296,8 +299,8 @@ TEST(Consensus, AnAmbiguousPlaceLeavesUndisputedOnesAlone) {
   }
 }
 
-// The test of a loop is symmetric but for rounding and first order. Where its two values lie on both sides of the gate, one
-// of them counts, whichever hypothesis came first.
+// The test of a loop is symmetric but for rounding and first order. Where its two values lie on both sides of the gate,
+// one of them counts, whichever hypothesis came first.
 TEST(Consensus, ALoopThatStraddlesTheGateIsJudgedAlikeInEveryOrder) {
   int straddling = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {

@@ -45,7 +45,8 @@ struct Drive {
     for (const auto& [key, point] : fleet.point_of)
       if (key.chain.vehicle == 2 && global.class_of.count(key) > 0 && classes.insert(global.class_of.at(key)).second)
         near.emplace_back(key, point);
-    std::stable_sort(near.begin(), near.end(), [&](const auto& a, const auto& b) { return distance(a.second) < distance(b.second); });
+    std::stable_sort(near.begin(), near.end(),
+                     [&](const auto& a, const auto& b) { return distance(a.second) < distance(b.second); });
     near.resize(std::min<std::size_t>(near.size(), LivePose<G>::max_remembered));
     return near;
   }
@@ -92,8 +93,8 @@ TYPED_TEST(LivePoseTest, IsConsistentAndBetterThanDeadReckoningFromTheLastAnchor
     squares_by_map += drive.beside_the_other(drive.by_map()).squaredNorm() / runs;
     smaller += live->covariance.determinant() < drive.by_map().covariance.determinant();
   }
-  std::printf("seeds 100..%d: ANEES %.2f, position RMSE beside vehicle 1 %.3f m, by the last anchor alone %.3f m\n", 100 + runs - 1, nees,
-              std::sqrt(squares), std::sqrt(squares_by_map));
+  std::printf("seeds 100..%d: ANEES %.2f, position RMSE beside vehicle 1 %.3f m, by the last anchor alone %.3f m\n",
+              100 + runs - 1, nees, std::sqrt(squares), std::sqrt(squares_by_map));
   EXPECT_GT(nees, 0.6);
   EXPECT_LT(nees, chi2_quantile(0.999, runs * G::Dof) / (runs * G::Dof));
   EXPECT_LT(std::sqrt(squares), 0.8 * std::sqrt(squares_by_map));
@@ -151,7 +152,8 @@ TYPED_TEST(LivePoseTest, TheMapKnowsAPoseAndPointsTogether) {
     ASSERT_EQ(P.rows(), G::Dof + G::Dim * static_cast<int>(classes.size()));
     EXPECT_TRUE(is_covariance(P));
     const auto pose = map.pose(drive.live.chain, state);
-    EXPECT_LT((P.topLeftCorner(G::Dof, G::Dof) + around->motion - pose->covariance).norm(), 1e-9 * pose->covariance.norm());
+    EXPECT_LT((P.topLeftCorner(G::Dof, G::Dof) + around->motion - pose->covariance).norm(),
+              1e-9 * pose->covariance.norm());
     for (std::size_t i = 0; i < classes.size(); ++i) {
       const auto point = map.class_point(classes[i]);
       const auto at = G::Dof + G::Dim * static_cast<Eigen::Index>(i);

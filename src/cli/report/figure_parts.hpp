@@ -1,0 +1,116 @@
+// What the figures of the report share, and each of them by itself.
+#pragma once
+
+#include <Eigen/Core>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "report/figures.hpp"
+#include "report/svg_plot.hpp"
+
+namespace convoy::cli::figures {
+
+// ---- the figures ----
+
+Figure slam_only(const RunRecord& run, const Evaluation& evaluation);
+Figure drift_of_first(const RunRecord& run, const Evaluation& evaluation);
+Figure drift_of_others(const RunRecord& run, const Evaluation& evaluation);
+Figure common_map(const RunRecord& run, const Evaluation& evaluation);
+Figure bytes_sent(const RunRecord& run, const Evaluation& evaluation);
+Figure distances(const RunRecord& run, const Evaluation& evaluation);
+Figure consistency(const RunRecord& run, const Evaluation& evaluation);
+
+// ---- what they share ----
+
+using Point = SvgPlot::Point;
+using Style = SvgPlot::Style;
+using Window = std::pair<Point, Point>;  // low and high corner
+
+inline constexpr double page_width = 1060.0;  // px
+inline constexpr double main_width = 700.0;   // main drawing with a zoom beside it
+inline constexpr double side_width = 350.0;
+inline constexpr double small_width = 346.0;  // three in a row
+inline constexpr double small_map_height = 270.0;
+inline constexpr double half_width = 525.0;    // two in a row
+inline constexpr double truth_period_s = 0.2;  // finer truth than the eye can see makes the page heavy
+inline const std::string truth_color = "#000000";
+inline const std::string common_color = "#d62728";
+inline const std::string raw_color = "#d62728";
+inline const std::string convoy_color = "#1f5fbf";
+
+/// How many of those that can be judged are so: "all 12", "9 of 12", "none of 12".
+struct Share {
+  std::size_t held = 0, judged = 0;
+  void add(bool is_so) {
+    ++judged;
+    held += is_so;
+  }
+  std::string text() const {
+    const std::string all = std::to_string(judged);
+    return held == judged ? "all " + all : (held == 0 ? "none" : std::to_string(held)) + " of " + all;
+  }
+};
+
+/// How one vehicle's SLAM-only path is placed: by its static prior, or in its own start frame.
+struct Placement {
+  SE2 T_frame_slam;
+  Eigen::Matrix3d prior = Eigen::Matrix3d::Zero();
+  std::optional<SE2> T_frame_world;  ///< for the truth
+  bool by_prior = false;
+};
+
+std::string cell(const std::string& svg, const char* width_class);
+std::string row_of(const std::string& cells);
+/// The legend of several drawings in a row: what each kind of line is.
+std::string key_of(const std::vector<std::pair<Style, std::string>>& entries);
+
+std::string metres_text(double value);
+bool has_truth(const RunRecord& run);
+/// The true path, seen from the frame given by T_frame_world.
+std::vector<Point> truth_path(const VehicleRecord& vehicle, const SE2& T_frame_world);
+
+const std::vector<PoseRow>& own_rows(const VehicleRecord& vehicle);
+std::vector<Point> slam_path(const VehicleRecord& vehicle, const SE2& T_frame_slam = SE2());
+std::vector<Point> common_path(const VehicleRecord& vehicle);
+/// Position covariance in the frame of T, of the right perturbation of T.
+Eigen::Matrix2d position_covariance(const PoseEstimate& estimate);
+
+/// Effect on a point at p_frame of a perturbation (rho, theta) of the frame that it hangs on.
+Eigen::Matrix<double, 2, 3> frame_jacobian(const Point& p_frame);
+
+Placement placement_of(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle);
+/// Position uncertainty of an anchor before any fusion: static prior and drift up to there (paper, eq. 4, and the
+/// static part of the bias).
+Eigen::Matrix2d drift_covariance(const MapAnchor& anchor, const Placement& placement);
+
+std::vector<const MapAnchor*> anchors_of(const RunRecord& run, VehicleId id);
+Window window_around(const Point& centre, double half_m);
+void metres(SvgPlot& plot);
+bool crowded(const RunRecord& run);
+
+/// About `wanted` elements, evenly spread, the last one among them.
+template <class T>
+std::vector<T> spread(const std::vector<T>& all, std::size_t wanted) {
+  if (all.size() <= wanted) return all;
+  std::vector<T> some;
+  for (std::size_t i = 1; i <= wanted; ++i) some.push_back(all[i * (all.size() - 1) / wanted]);
+  return some;
+}
+
+/// The drawing beside a main drawing that shows a small area of it; `draw` draws the same things again.
+template <class Draw>
+std::string zoom_drawing(const Window& window, const std::string& title, const Draw& draw) {
+  SvgPlot zoom(side_width, side_width);
+  zoom.equal_aspect(side_width - 100.0, side_width - 60.0);
+  zoom.title(title);
+  metres(zoom);
+  zoom.no_legend();
+  zoom.x_range(window.first.x(), window.second.x());
+  zoom.y_range(window.first.y(), window.second.y());
+  draw(zoom);
+  return zoom.svg();
+}
+
+}  // namespace convoy::cli::figures

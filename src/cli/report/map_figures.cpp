@@ -1,0 +1,402 @@
+// Paths and maps: the paper's Fig. 9 to 12.
+#include "report/figure_parts.hpp"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <limits>
+#include <set>
+
+namespace convoy::cli::figures {
+namespace {
+
+using nlohmann::json;
+
+// ---- Fig. 9 ----
+
+Style truth_style() { return {truth_color, 1.9, "", 0.75}; }
+
+/// What the black line is in drawings of one robot each.
+std::string truth_clause(const RunRecord& run) {
+  return has_truth(run) ? " The ground truth is laid on the true pose at the start, as its recorder saw it."
+                        : " There is no pose truth to draw.";
+}
+
+/// How far apart two vehicles truly were when each started; that is what their SLAMs cannot know.
+std::string started_apart(const RunRecord& run) {
+  if (!has_truth(run)) return " There is no pose truth to draw.";
+  const std::string dots = " Dots mark where each true trajectory begins and ends.";
+  if (run.vehicles.size() != 2) return dots;
+  std::vector<Point> starts;
+  for (const VehicleRecord& vehicle : run.vehicles)
+    if (const auto first = run.first_event_s.find(vehicle.id); first != run.first_event_s.end())
+      if (const auto T = truth_at(vehicle.truth, first->second)) starts.push_back(T->translation());
+  if (starts.size() != 2) return dots;
+  return dots + " In truth they started " + metres_text((starts[1] - starts[0]).norm()) +
+         " apart, which neither SLAM can know.";
+}
+
+}  // namespace
+
+Figure slam_only(const RunRecord& run, const Evaluation& evaluation) {
+  Figure figure;
+  figure.title = "SLAM-only trajectories (paper, Fig. 9)";
+  if (crowded(run)) {
+    figure.caption =
+        "Each robot's own SLAM in the frame in which it started: without an exchange nothing relates these "
+        "frames to one another, and each drifts by itself." +
+        truth_clause(run);
+    figure.body = key_of({{truth_style(), "ground truth"},
+                          {{vehicle_color(run, run.vehicles.front().id), 1.6}, "SLAM, in the colour of its robot"}});
+    std::string cells;
+    for (const VehicleRecord& vehicle : run.vehicles) {
+      SvgPlot plot(small_width, small_width);
+      plot.equal_aspect(small_map_height, small_map_height);
+      plot.title(vehicle_name(run, vehicle.id));
+      metres(plot);
+      plot.no_legend();
+      const Placement placement = placement_of(run, evaluation, vehicle);
+      if (placement.T_frame_world) plot.line(truth_path(vehicle, *placement.T_frame_world), truth_style());
+      plot.line(slam_path(vehicle, placement.T_frame_slam), {vehicle_color(run, vehicle.id), 1.6});
+      cells += cell(plot.svg(), "third");
+    }
+    figure.body += row_of(cells);
+    return figure;
+  }
+  figure.caption =
+      "Each vehicle's own SLAM as if it had started at the origin of the common frame." + started_apart(run);
+  SvgPlot plot(page_width, 560.0);
+  plot.equal_aspect(240.0, 560.0);
+  metres(plot);
+  for (const VehicleRecord& vehicle : run.vehicles) {
+    if (!evaluation.T_world_common || vehicle.truth.empty()) continue;
+    plot.line(truth_path(vehicle, evaluation.T_world_common->inverse()), {truth_color, 1.6}, "ground truth");
+  }
+  for (const VehicleRecord& vehicle : run.vehicles)
+    plot.line(slam_path(vehicle), {vehicle_color(run, vehicle.id), 2.0}, "SLAM of " + the_vehicle(run, vehicle.id));
+  for (const VehicleRecord& vehicle : run.vehicles) {
+    if (!evaluation.T_world_common || vehicle.truth.empty()) continue;
+    const auto path = truth_path(vehicle, evaluation.T_world_common->inverse());
+    plot.dots({path.front(), path.back()}, 4.5, {vehicle_color(run, vehicle.id)},
+              "true begin and end, " + vehicle_name(run, vehicle.id));
+  }
+  figure.body = plot.svg();
+  return figure;
+}
+
+namespace {
+
+// ---- Fig. 10 and 11 ----
+
+/// Draws one vehicle's SLAM-only path with its ellipses; the same content serves the whole view and the zoom.
+void draw_drift(SvgPlot& plot, const RunRecord& run, const VehicleRecord& vehicle, const Placement& placement,
+                const std::vector<const MapAnchor*>& anchors, bool with_slam_ellipses, double line_width) {
+  const std::string color = vehicle_color(run, vehicle.id);
+  if (placement.T_frame_world)
+    plot.line(truth_path(vehicle, *placement.T_frame_world), {truth_color, line_width}, "ground truth");
+  plot.line(slam_path(vehicle, placement.T_frame_slam), {color, line_width + 0.4}, "SLAM");
+  for (const MapAnchor* anchor : anchors)
+    plot.ellipse(placement.T_frame_slam * anchor->T_slam_body->translation(), drift_covariance(*anchor, placement),
+                 {color, 1.0, "", 0.75}, "95 %, drift model");
+  if (!with_slam_ellipses) return;
+  std::vector<const PoseRow*> rows;
+  for (const PoseRow& row : own_rows(vehicle))
+    if (row.vehicle == vehicle.id && row.slam) rows.push_back(&row);
+  for (const PoseRow* row : spread(rows, 150)) {
+    const PoseEstimate placed{placement.T_frame_slam * row->slam->T, row->slam->P};
+    plot.ellipse(placed.T.translation(), position_covariance(placed), {color, 0.8, "2 2", 1.0}, "95 %, SLAM alone");
+  }
+}
+
+/// Where the zoom looks: at three quarters of the way, wide enough for the truth and the SLAM's own ellipse.
+std::optional<Window> zoom_window(const VehicleRecord& vehicle, const Placement& placement) {
+  std::vector<const PoseRow*> rows;
+  for (const PoseRow& row : own_rows(vehicle))
+    if (row.vehicle == vehicle.id && row.slam) rows.push_back(&row);
+  if (rows.empty()) return std::nullopt;
+  const PoseRow& row = *rows[rows.size() * 3 / 4];
+  const Point centre = placement.T_frame_slam * row.slam->T.translation();
+  double half = 6.0 * std::sqrt(std::max(1e-6, position_covariance(*row.slam).trace()));
+  if (const auto truth = truth_at(vehicle.truth, row.t_s); truth && placement.T_frame_world && !placement.by_prior)
+    half = std::max(half, 1.5 * (*placement.T_frame_world * truth->translation() - centre).norm());
+  half = std::clamp(half, 0.2, 6.0);
+  return window_around(centre, half);
+}
+
+std::string drift_drawing(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle) {
+  const Placement placement = placement_of(run, evaluation, vehicle);
+  const auto anchors = spread(anchors_of(run, vehicle.id), 10);
+  SvgPlot whole(main_width, 460.0);
+  whole.equal_aspect(250.0, 480.0);
+  metres(whole);
+  draw_drift(whole, run, vehicle, placement, anchors, false, 1.6);
+  if (placement.by_prior && placement.prior.trace() > 0.0)
+    whole.ellipse(placement.T_frame_slam.translation(), placement.prior.topLeftCorner<2, 2>(),
+                  {vehicle_color(run, vehicle.id), 1.6, "6 4"}, "95 %, static prior");
+  const auto window = zoom_window(vehicle, placement);
+  if (!window) return whole.svg();
+  whole.box(window->first, window->second, {common_color, 1.2}, "zoom");
+  const std::string zoom = zoom_drawing(*window, "zoom; dashed: 95 % by the SLAM alone", [&](SvgPlot& plot) {
+    draw_drift(plot, run, vehicle, placement, anchors, true, 1.6);
+  });
+  return row_of(cell(whole.svg(), "two-thirds") + cell(zoom, "third"));
+}
+
+/// Whether the true position at each closing anchor lies within the drift model's 95 % ellipse.
+Share held_by_drift(const RunRecord& run, const VehicleRecord& vehicle, const Placement& placement) {
+  static const double bound = chi2_quantile(0.95, 2.0);
+  Share share;
+  for (const MapAnchor* anchor : anchors_of(run, vehicle.id)) {
+    const auto truth = truth_at(vehicle.truth, anchor->stamp_s);
+    if (!truth || !placement.T_frame_world) continue;
+    const Eigen::Vector2d error =
+        (*placement.T_frame_world * *truth).translation() - placement.T_frame_slam * anchor->T_slam_body->translation();
+    const double square = squared_mahalanobis(error, drift_covariance(*anchor, placement));
+    if (std::isfinite(square)) share.add(square <= bound);  // the start is known exactly and cannot be judged
+  }
+  return share;
+}
+
+/// The same for the SLAM's own ellipses along the way.
+Share held_by_slam(const VehicleRecord& vehicle, const Placement& placement) {
+  static const double bound = chi2_quantile(0.95, 2.0);
+  Share share;
+  for (const PoseRow& row : own_rows(vehicle)) {
+    if (row.vehicle != vehicle.id || !row.slam) continue;
+    const auto truth = truth_at(vehicle.truth, row.t_s);
+    if (!truth || !placement.T_frame_world) continue;
+    const PoseEstimate placed{placement.T_frame_slam * row.slam->T, row.slam->P};
+    const Eigen::Vector2d error = (*placement.T_frame_world * *truth).translation() - placed.T.translation();
+    const double square = squared_mahalanobis(error, position_covariance(placed));
+    if (std::isfinite(square)) share.add(square <= bound);
+  }
+  return share;
+}
+
+/// Half the length of the 95 % ellipse.
+double reach_m(const Eigen::Matrix2d& covariance) {
+  const double largest =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance, Eigen::EigenvaluesOnly).eigenvalues()[1];
+  return std::sqrt(chi2_quantile(0.95, 2.0) * std::max(0.0, largest));
+}
+
+/// What the run shows of a drift drawing: which ellipses hold the truth, and how large they are in the end.
+std::string drift_findings(const RunRecord& run, const VehicleRecord& vehicle, const Placement& placement) {
+  std::string text;
+  const Share drift = held_by_drift(run, vehicle, placement), slam = held_by_slam(vehicle, placement);
+  if (drift.judged > 0)
+    text +=
+        " At the ends of its segments, " + drift.text() + " true positions lie within the ellipse of the drift model.";
+  if (slam.judged > 0) text += " Along the way, " + slam.text() + " lie within that of the SLAM alone.";
+  const auto anchors = anchors_of(run, vehicle.id);
+  const auto& rows = own_rows(vehicle);
+  const auto last = std::find_if(rows.rbegin(), rows.rend(), [&](const PoseRow& row) {
+    return row.vehicle == vehicle.id && row.slam && !anchors.empty() && row.t_s <= anchors.back()->stamp_s;
+  });
+  if (last != rows.rend())
+    text += " At the last of these ends the one reaches " +
+            metres_text(reach_m(drift_covariance(*anchors.back(), placement))) + ", the other " +
+            metres_text(reach_m(position_covariance(*last->slam))) + ".";
+  if (drift.judged == 0 && slam.judged == 0) text += " There is no pose truth to judge the ellipses by.";
+  return text;
+}
+
+}  // namespace
+
+Figure drift_of_first(const RunRecord& run, const Evaluation& evaluation) {
+  const VehicleRecord& vehicle = run.vehicles.front();
+  return {
+      "Drift of " + the_vehicle(run, vehicle.id) + " (paper, Fig. 10)", drift_drawing(run, evaluation, vehicle),
+      "SLAM-only trajectory before any fusion, with the 95 % ellipses of the position by the drift model (solid) and, "
+      "in the zoom, by the SLAM alone (dashed)." +
+          drift_findings(run, vehicle, placement_of(run, evaluation, vehicle))};
+}
+
+namespace {
+
+std::string small_drift_drawing(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle,
+                                double width) {
+  SvgPlot plot(width, small_map_height);
+  plot.equal_aspect(small_map_height, small_map_height);
+  plot.title(vehicle_name(run, vehicle.id));
+  metres(plot);
+  plot.no_legend();
+  const std::string color = vehicle_color(run, vehicle.id);
+  const Placement placement = placement_of(run, evaluation, vehicle);
+  if (placement.T_frame_world) plot.line(truth_path(vehicle, *placement.T_frame_world), truth_style());
+  plot.line(slam_path(vehicle, placement.T_frame_slam), {color, 1.2, "", 0.75});
+  for (const MapAnchor* anchor : spread(anchors_of(run, vehicle.id), 8))
+    plot.ellipse(placement.T_frame_slam * anchor->T_slam_body->translation(), drift_covariance(*anchor, placement),
+                 {color, 2.2});
+  return plot.svg();
+}
+
+}  // namespace
+
+Figure drift_of_others(const RunRecord& run, const Evaluation& evaluation) {
+  Figure figure;
+  if (!crowded(run)) {
+    const VehicleRecord& vehicle = run.vehicles.back();
+    figure.title = "Drift of " + the_vehicle(run, vehicle.id) + " (paper, Fig. 11)";
+    figure.body = drift_drawing(run, evaluation, vehicle);
+    const Placement placement = placement_of(run, evaluation, vehicle);
+    figure.caption =
+        (placement.by_prior ? "SLAM-only trajectory, placed in the common frame by its static prior alone; the dashed "
+                              "ellipse around its start is all that is known of that (95 %)."
+                            : "SLAM-only trajectory in the frame in which it started.") +
+        drift_findings(run, vehicle, placement);
+    return figure;
+  }
+  figure.title = "Drift of the other robots (paper, Fig. 11)";
+  Share held;
+  for (std::size_t i = 1; i < run.vehicles.size(); ++i) {
+    const VehicleRecord& vehicle = run.vehicles[i];
+    const Share own = held_by_drift(run, vehicle, placement_of(run, evaluation, vehicle));
+    held.held += own.held;
+    held.judged += own.judged;
+  }
+  figure.caption =
+      "The same for the other robots, each in the frame in which it started, which lies anywhere in the common "
+      "frame before the first association." +
+      (held.judged > 0 ? " At the ends of their segments, " + held.text() +
+                             " true positions lie within the ellipse of the drift model."
+                       : " There is no pose truth to judge the ellipses by.");
+  const std::string first_color = vehicle_color(run, run.vehicles[1].id);
+  figure.body = key_of({{truth_style(), "ground truth"},
+                        {{first_color, 1.2, "", 0.75}, "SLAM, in the colour of its robot"},
+                        {{first_color, 2.2}, "ellipses: 95 %, drift model"}});
+  const bool two_in_a_row = run.vehicles.size() == 3 || run.vehicles.size() == 5;  // no row with a single drawing
+  std::string cells;
+  for (std::size_t i = 1; i < run.vehicles.size(); ++i)
+    cells += cell(small_drift_drawing(run, evaluation, run.vehicles[i], two_in_a_row ? half_width : small_width),
+                  two_in_a_row ? "half" : "third");
+  figure.body += row_of(cells);
+  return figure;
+}
+
+namespace {
+
+// ---- Fig. 12 ----
+
+struct CommonLandmarks {
+  std::set<Key> paired;
+  std::vector<std::pair<Point, Point>> lines;
+};
+
+CommonLandmarks pairings_found(const MapRecord& map) {
+  std::map<Key, Point> place;
+  for (const MapLandmark& landmark : map.landmarks)
+    if (landmark.p_common_m) place[landmark.key] = *landmark.p_common_m;
+  CommonLandmarks result;
+  for (const MapAssociation& association : map.associations) {
+    if (!association.accepted) continue;
+    for (const auto& [one, other] : association.pairings) {
+      if (!place.contains(one) || !place.contains(other)) continue;
+      result.paired.insert(one);
+      result.paired.insert(other);
+      result.lines.push_back({place[one], place[other]});
+    }
+  }
+  return result;
+}
+
+void draw_map_landmarks(SvgPlot& plot, const RunRecord& run, const MapRecord& map) {
+  const CommonLandmarks common = pairings_found(map);
+  std::map<VehicleId, std::vector<Point>> landmarks;
+  std::vector<Point> shared;
+  for (const MapLandmark& landmark : map.landmarks) {
+    if (!landmark.p_common_m) continue;
+    landmarks[landmark.key.chain.vehicle].push_back(*landmark.p_common_m);
+    if (common.paired.contains(landmark.key)) shared.push_back(*landmark.p_common_m);
+  }
+  // Members of a pairing lie so near to one another that a line between them would hide under full dots.
+  const double radius = 2.0;
+  plot.segments(common.lines, {common_color, 1.4}, "pairings");
+  plot.rings(shared, radius + 2.2, {common_color, 1.3}, "landmarks found common");
+  for (const auto& [id, points] : landmarks)
+    plot.dots(points, radius, {vehicle_color(run, id), 1.0, "", 0.9}, "landmarks of " + the_vehicle(run, id));
+}
+
+/// How many pairings are drawn, and how long their lines are.
+std::string pairing_findings(const MapRecord& map) {
+  const CommonLandmarks common = pairings_found(map);
+  if (common.lines.empty()) return " No landmark has been found common yet.";
+  std::vector<double> lengths;
+  for (const auto& [one, other] : common.lines) lengths.push_back((one - other).norm());
+  std::sort(lengths.begin(), lengths.end());
+  return " Red rings: " + std::to_string(common.paired.size()) + " landmarks in " + std::to_string(lengths.size()) +
+         " pairings found between submaps, with a red line between the two members of each: " +
+         metres_text(lengths[lengths.size() / 2]) + " long in the median, " + metres_text(lengths.back()) + " at most.";
+}
+
+std::vector<const PoseRow*> aligned_rows(const VehicleRecord& vehicle) {
+  std::vector<const PoseRow*> rows;
+  for (const PoseRow& row : own_rows(vehicle))
+    if (row.vehicle == vehicle.id && row.common) rows.push_back(&row);
+  return rows;
+}
+
+void draw_common_map(SvgPlot& plot, const RunRecord& run, const Evaluation& evaluation, const MapRecord& map,
+                     std::size_t ellipses) {
+  const bool many = crowded(run);
+  draw_map_landmarks(plot, run, map);
+  for (const VehicleRecord& vehicle : run.vehicles)
+    plot.line(common_path(vehicle), {vehicle_color(run, vehicle.id), many ? 0.9 : 2.4, "", many ? 0.55 : 1.0},
+              vehicle_name(run, vehicle.id));
+  for (const VehicleRecord& vehicle : run.vehicles)
+    for (const PoseRow* row : spread(aligned_rows(vehicle), ellipses))
+      plot.ellipse(row->common->T.translation(), position_covariance(*row->common),
+                   {vehicle_color(run, vehicle.id), 1.4});
+  if (!evaluation.T_world_common) return;
+  const SE2 T_common_world = evaluation.T_world_common->inverse();
+  for (const VehicleRecord& vehicle : run.vehicles)
+    if (!vehicle.truth.empty())
+      plot.line(truth_path(vehicle, T_common_world), {truth_color, many ? 0.8 : 1.0, "", many ? 0.55 : 1.0},
+                "ground truth");
+  if (!many || run.landmarks.size() > 60) return;
+  std::vector<Point> places;
+  for (const TruthLandmark& landmark : run.landmarks) places.push_back(T_common_world * landmark.p_world_m);
+  plot.rings(places, 7.0, {truth_color, 1.1}, "true landmarks");
+}
+
+}  // namespace
+
+Figure common_map(const RunRecord& run, const Evaluation& evaluation) {
+  Figure figure;
+  figure.title = "The common map (paper, Fig. 12)";
+  const VehicleRecord* survivor = run.first_survivor();
+  if (!survivor) {
+    figure.caption = "No vehicle left a map.";
+    return figure;
+  }
+  figure.caption = "The map as " + the_vehicle(run, survivor->id) +
+                   " holds it in the end: corrected trajectories with 95 % ellipses, and landmarks in the colour of "
+                   "who mapped them." +
+                   pairing_findings(*survivor->map);
+  const MapRecord& map = *survivor->map;
+  const auto rows = aligned_rows(run.vehicles.back());
+  if (crowded(run) || rows.empty()) {
+    SvgPlot plot(page_width, 640.0);
+    plot.equal_aspect(260.0, 760.0);
+    metres(plot);
+    draw_common_map(plot, run, evaluation, map, 4);
+    figure.body = plot.svg();
+    return figure;
+  }
+  SvgPlot whole(main_width, 480.0);
+  whole.equal_aspect(260.0, 560.0);
+  metres(whole);
+  draw_common_map(whole, run, evaluation, map, 10);
+  const PoseEstimate& pose = *rows[rows.size() * 3 / 4]->common;
+  const Window window =
+      window_around(pose.T.translation(), std::clamp(12.0 * std::sqrt(position_covariance(pose).trace()), 2.0, 15.0));
+  whole.box(window.first, window.second, {"#52606d", 1.2}, "zoom");
+  const std::string zoom = zoom_drawing(window, "zoom; ellipses: 95 %, fused",
+                                        [&](SvgPlot& plot) { draw_common_map(plot, run, evaluation, map, 150); });
+  figure.body = row_of(cell(whole.svg(), "two-thirds") + cell(zoom, "third"));
+  return figure;
+}
+
+}  // namespace convoy::cli::figures
