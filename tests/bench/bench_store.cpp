@@ -3,6 +3,8 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/submap/fact_store.hpp>
 
+#include <malloc.h>
+
 #include <unordered_map>
 
 #include "ratio.hpp"
@@ -23,6 +25,11 @@ std::vector<LandmarkFact<SE2>> landmarks() {
     facts[i].covariance = 0.04 * SE2::PointCovariance::Identity();
   }
   return facts;
+}
+
+double allocated_bytes() {
+  const struct mallinfo2 info = mallinfo2();
+  return static_cast<double>(info.uordblks + info.hblkhd);
 }
 
 struct KeyHash {
@@ -80,6 +87,41 @@ void BM_digest(benchmark::State& state) {
   });
 }
 BENCHMARK(BM_digest)->Unit(benchmark::kMicrosecond);
+
+// A million landmarks that nobody has associated, from five vehicles: what each of them takes of memory,
+// patch, batches and indices included, and what the last of them cost against the first.
+template <class G>
+void BM_hold_a_million(benchmark::State& state) {
+  constexpr std::uint32_t total = 1'000'000, sample = 100'000;
+  const auto fact = [](std::uint32_t i) {
+    LandmarkFact<G> f;
+    f.key = {{1 + i % 5, 1}, i / 5};
+    f.anchor = 1 + f.key.index / batch_size;
+    f.position.setConstant(0.1 * (i % 1000));
+    f.covariance = 0.04 * G::PointCovariance::Identity();
+    f.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
+    f.descriptor.bytes.fill(static_cast<std::uint8_t>(i));
+    return f;
+  };
+  for (auto _ : state) {
+    const double before = allocated_bytes();
+    FactStore<G> store;
+    double first_s = 0.0, last_s = 0.0;
+    for (std::uint32_t i = 0; i < total; ++i) {
+      if (i == 0) first_s = -bench::cpu_s();
+      if (i == sample) first_s += bench::cpu_s();
+      if (i == total - sample) last_s = -bench::cpu_s();
+      store.insert(fact(i));
+    }
+    last_s += bench::cpu_s();
+    state.counters["bytes_each"] = (allocated_bytes() - before) / total;
+    state.counters["ratio_to_baseline"] = last_s / first_s;
+    if (store.size() != total) state.SkipWithError("facts were refused");
+  }
+  state.SetLabel("against: the first tenth of them");
+}
+BENCHMARK(BM_hold_a_million<SE2>)->Iterations(1)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_hold_a_million<SE3>)->Iterations(1)->Unit(benchmark::kMillisecond);
 
 /// One call on a store of five chains, against keeping one fact.
 void BM_marks(benchmark::State& state) {
