@@ -1,10 +1,10 @@
 #include <convoy/components/front_end_component.hpp>
-#include <convoy/config_error.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
 #include <algorithm>
 #include <cmath>
+#include <unordered_set>
 #include <utility>
 
 namespace convoy {
@@ -16,6 +16,18 @@ ChainState<G> advance(DriftAccumulator<G>& drift, const FrontEndState<G>& s) {
 }
 
 constexpr double trail_spacing_m = 1.0;
+
+// One position per track, each track once, and a joint covariance of that size; all finite.
+template <class G>
+bool is_whole(const RelativeLandmarks<G>& landmarks) {
+  const auto n = static_cast<Eigen::Index>(landmarks.tracks.size());
+  const std::unordered_set<std::uint64_t> tracks(landmarks.tracks.begin(), landmarks.tracks.end());
+  const Eigen::MatrixXd& P = landmarks.covariance;
+  return static_cast<Eigen::Index>(tracks.size()) == n && static_cast<Eigen::Index>(landmarks.positions.size()) == n &&
+         P.rows() == G::Dim * n && P.cols() == P.rows() && P.allFinite() &&
+         std::all_of(landmarks.positions.begin(), landmarks.positions.end(),
+                     [](const auto& p) { return p.allFinite(); });
+}
 
 }  // namespace
 
@@ -48,44 +60,51 @@ void FrontEndComponent<G>::poll() {
   if (trail_.empty() || state_.abscissa_m >= trail_.back().abscissa_m + trail_spacing_m) trail_.push_back(state_);
   if (!live_s_ || state_.stamp_s >= *live_s_ + live_period_s_) {
     live_s_ = state_.stamp_s;
-    publish_live();
+    manager_.publish_live(live());
   }
 }
 
 template <class G>
-void FrontEndComponent<G>::publish_live() {
-  const RelativeLandmarks<G> known = front_end_.remembered();
-  const std::size_t n = known.tracks.size();
-  if (known.positions.size() != n || static_cast<std::size_t>(known.covariance.rows()) != G::Dim * n ||
-      known.covariance.rows() != known.covariance.cols())
-    throw ConfigError(
-        "front end: remembered() must give one position per track and their joint covariance, (Dim n) x (Dim n)");
-  std::unordered_map<std::uint64_t, std::uint32_t>
-      still_known;  // a track that is forgotten may be another thing next time
-  std::vector<std::size_t>
-      best;  // of `known`, those that the map has joined to others: the rest say no more than their anchors
+LivePose<G> FrontEndComponent<G>::live() {
+  LivePose<G> live;
+  live.state = state_;
+  RelativeLandmarks<G> known = front_end_.remembered();
+  if (!is_whole(known)) {
+    ++remembered_unfit_;
+    return live;
+  }
+  std::vector<std::size_t> best;  // those that the map has joined to others: the rest say no more than their anchors
   for (std::size_t i = 0; i < known.tracks.size(); ++i) {
     const auto exported = exported_.find(known.tracks[i]);
-    if (exported == exported_.end()) continue;
-    still_known.insert(*exported);
-    if (manager_.map().class_of.count({manager_.self(), exported->second}) > 0) best.push_back(i);
+    if (exported != exported_.end() && manager_.map().class_of.count({manager_.self(), exported->second}) > 0)
+      best.push_back(i);
   }
-  exported_ = std::move(still_known);
   const auto variance = [&](std::size_t i) {
     return known.covariance.diagonal().segment(G::Dim * static_cast<Eigen::Index>(i), G::Dim).sum();
   };
   std::stable_sort(best.begin(), best.end(), [&](std::size_t a, std::size_t b) { return variance(a) < variance(b); });
   best.resize(std::min(best.size(), LivePose<G>::max_remembered));
+  RelativeLandmarks<G> chosen = subset(known, best);
+  chosen.covariance *=
+      std::max(params_.landmark_inflation, params_.gamma);  // what the SLAM is too sure of, it is here, too
+  const auto part = rigid_part(chosen);
+  if (!part) return live;
+  // The drift that the SLAM knows nothing of, since the last anchor: how long ago each landmark was seen it does not
+  // say.
+  live.shared = part->shared;
+  live.shared.diagonal() += params_.rate * std::max(0.0, state_.abscissa_m - anchor_abscissa_m_);
+  for (std::size_t i = 0; i < best.size(); ++i)
+    live.remembered.push_back({exported_.at(chosen.tracks[i]), chosen.positions[i], part->own[i]});
+  return live;
+}
 
-  const RelativeLandmarks<G> chosen = subset(known, best);
-  LivePose<G> live;
-  live.state = state_;
-  if (const auto error = rigid_part(chosen)) {
-    live.shared = error->shared;
-    for (std::size_t i = 0; i < best.size(); ++i)
-      live.remembered.push_back({exported_.at(chosen.tracks[i]), chosen.positions[i], error->own[i]});
-  }
-  manager_.publish_live(std::move(live));
+template <class G>
+void FrontEndComponent<G>::remember_export(std::uint64_t track, std::uint32_t index) {
+  constexpr std::size_t max_exported = 4096;  // far more than a live pose is held by
+  if (exported_.insert_or_assign(track, index).second) exported_order_.push_back(track);
+  if (exported_order_.size() <= max_exported) return;
+  exported_.erase(exported_order_.front());
+  exported_order_.pop_front();
 }
 
 template <class G>
@@ -104,6 +123,7 @@ void FrontEndComponent<G>::close(const Segment<G>& segment) {
   trail_.push_back(closing);
   trail_at_anchor_ = trail_.size();
   drift_at_anchor_ = drift_;
+  anchor_abscissa_m_ = closing.abscissa_m;
 
   std::vector<LandmarkFact<G>> batch;
   for (const FrozenLandmark<G>& frozen : segment.landmarks) {
@@ -118,7 +138,7 @@ void FrontEndComponent<G>::close(const Segment<G>& segment) {
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (!indices[i]) continue;
     ++landmarks_exported_;
-    exported_[segment.landmarks[i].track] = *indices[i];
+    remember_export(segment.landmarks[i].track, *indices[i]);
     if (on_export_) on_export_(*indices[i], segment.landmarks[i].track);
   }
 }

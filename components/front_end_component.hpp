@@ -6,6 +6,7 @@
 #include <convoy/drift/drift_model.hpp>
 #include <convoy/frontend/front_end.hpp>
 
+#include <deque>
 #include <functional>
 #include <optional>
 #include <unordered_map>
@@ -34,11 +35,15 @@ class FrontEndComponent {
   const ChainState<G>& state() const { return state_; }
   /// The same for facts: without what the SLAM knows by landmarks it has exported (FrontEnd::exportable_state).
   ChainState<G> exportable_state() const;
+  /// Where the vehicle is now, with what the front end remembers of landmarks that the map has joined to others.
+  LivePose<G> live();
   std::uint64_t landmarks_exported() const { return landmarks_exported_; }
+  /// How often FrontEnd::remembered() was not usable: sizes that do not match, a track named twice, or not finite.
+  std::uint64_t remembered_unfit() const { return remembered_unfit_; }
 
  private:
   void close(const Segment<G>& segment);
-  void publish_live();
+  void remember_export(std::uint64_t track, std::uint32_t index);
   FrontEndState<G> since_start(const FrontEndState<G>& state) const;
 
   FrontEnd<G>& front_end_;
@@ -53,7 +58,10 @@ class FrontEndComponent {
   std::size_t trail_at_anchor_ = 0;
   std::optional<double> live_s_;
   std::uint64_t landmarks_exported_ = 0;
-  std::unordered_map<std::uint64_t, std::uint32_t> exported_;  // index of each track that the front end may remember
+  std::unordered_map<std::uint64_t, std::uint32_t> exported_;  // the latest index of each track ...
+  std::deque<std::uint64_t> exported_order_;                   // ... of the latest tracks, in order
+  double anchor_abscissa_m_ = 0.0;
+  std::uint64_t remembered_unfit_ = 0;
 };
 
 }  // namespace convoy

@@ -176,7 +176,7 @@ bool SubmapManager<G>::is_fit(const LivePose<G>& live) const {
 }
 
 template <class G>
-void SubmapManager<G>::publish_live(LivePose<G> live) {
+void SubmapManager<G>::update_live(LivePose<G> live) {
   live.chain = self_;
   live.anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
   live.reasons = reasons(self_, 0.0, 0.0);
@@ -187,8 +187,20 @@ void SubmapManager<G>::publish_live(LivePose<G> live) {
     live.remembered.clear();  // the SLAM's pose may still be: it is told as it is, and judged by whoever hears it
     live.shared.setZero();
   }
-  live_ = live;
-  send(std::move(live));
+  live_ = Live{std::move(live)};
+}
+
+template <class G>
+void SubmapManager<G>::publish_live(LivePose<G> live) {
+  update_live(std::move(live));
+  send(live_->said);
+}
+
+template <class G>
+const std::optional<Estimate<G>>& SubmapManager<G>::locate(Live& live) const {
+  if (live.map != counters_.maps_built) live.estimate = live_pose(map_, live.said);
+  live.map = counters_.maps_built;
+  return live.estimate;
 }
 
 template <class G>
@@ -226,8 +238,9 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
         } else if constexpr (std::is_same_v<P, AbsoluteFixFact<G>>) {
           take_in(FactKind::absolute_fix, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
-          counters_.live_unfit += !is_fit(payload);
-          if (is_fit(payload) && payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = payload;
+          const bool fit = is_fit(payload);
+          counters_.live_unfit += !fit;
+          if (fit && payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = Live{payload};
         } else if constexpr (std::is_same_v<P, Request>) {
           repair_.on_request(store_, payload, now_s);
         } else {
@@ -337,7 +350,7 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
   if (!map_.map->aligned(chain) && map_.unsettled.count(chain) != 0) reasons |= reason_ambiguous;
   if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0) reasons |= reason_impersonated;
   if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
-    reasons |= peer->second.live->reasons & reason_impersonated;  // nobody but the vehicle itself can know
+    reasons |= peer->second.live->said.reasons & reason_impersonated;  // nobody but the vehicle itself can know
   for (const auto& [id, peer] : peers_)
     if (peer.disagrees && (id == chain || chain == self_)) reasons |= reason_disagreement;
   return reasons;
@@ -350,21 +363,20 @@ std::vector<VehicleState<G>> SubmapManager<G>::vehicles(double now_s) {
     VehicleState<G> vehicle;
     vehicle.chain = id;
     vehicle.heard_s = now_s;
-    LivePose<G> here;  // the last anchor, if nothing newer is known
-    here.chain = id;
-    if (!chain.anchors.empty()) here.state = chain.anchors.rbegin()->second.state;
+    if (!chain.anchors.empty()) vehicle.slam = chain.anchors.rbegin()->second.state;
+    Live* live = nullptr;  // null: nothing newer than the last anchor is known
     if (id == self_) {
-      if (live_) here = *live_;
+      if (live_) live = &*live_;
     } else if (const auto peer = peers_.find(id); peer != peers_.end()) {
       vehicle.heard_s = peer->second.heard_s;
-      if (peer->second.live && peer->second.live->state.stamp_s > here.state.stamp_s) here = *peer->second.live;
+      if (peer->second.live && peer->second.live->said.state.stamp_s >= vehicle.slam.stamp_s) live = &*peer->second.live;
     } else {
       vehicle.heard_s = -1e300;
     }
-    vehicle.slam = here.state;
+    if (live != nullptr) vehicle.slam = live->said.state;
     vehicle.reasons = reasons(id, vehicle.heard_s, now_s);
     if (map_.map->aligned(id)) {
-      vehicle.estimate = live_pose(map_, here);
+      vehicle.estimate = live != nullptr ? locate(*live) : map_.map->pose(id, vehicle.slam);
       vehicle.integrity = vehicle.reasons == reason_none ? Integrity::ok : Integrity::suspect;
     }
     all.push_back(std::move(vehicle));

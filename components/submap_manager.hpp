@@ -102,8 +102,10 @@ class SubmapManager {
   bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever,
                             const typename G::Point& position, const typename G::PointCovariance& covariance);
   /// Where this vehicle is now: `state`, `remembered` and `shared` are the caller's. Not a fact: only the last one
-  /// counts.
+  /// counts. Landmarks that are not fit (not finite, no covariance, too many) are left out and counted.
   void publish_live(LivePose<G> live);
+  /// The same for this vehicle alone: nobody is told.
+  void update_live(LivePose<G> live);
 
   /// Takes what has come in, sends what is due (requests, answers, the digest).
   void step(double now_s);
@@ -126,8 +128,14 @@ class SubmapManager {
   ExchangeCounters exchange_counters() const { return exchange_.counters(); }
 
  private:
+  // A live pose and where it is by a map: that takes a while, and is asked for more often than either changes.
+  struct Live {
+    LivePose<G> said;
+    std::uint64_t map = 0;  // number of the map that `estimate` is by; 0: none
+    std::optional<Estimate<G>> estimate = {};
+  };
   struct Peer {
-    std::optional<LivePose<G>> live;
+    std::optional<Live> live;
     double heard_s = 0.0;
     bool disagrees = false;
   };
@@ -142,6 +150,7 @@ class SubmapManager {
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
   bool map_due(double now_s) const;
   bool is_fit(const LivePose<G>& live) const;
+  const std::optional<Estimate<G>>& locate(Live& live) const;
   template <class Fact>
   bool insert(const Fact& fact);
 
@@ -159,7 +168,7 @@ class SubmapManager {
   std::vector<AnyFact<G>> news_;  // since the last order, if there was one
   double map_s_ = -1e300, digest_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};
-  std::optional<LivePose<G>> live_;
+  std::optional<Live> live_;
   std::optional<double> fix_s_;  // stamp of the last absolute fix published
   std::map<ChainId, Peer> peers_;
   SubmapManagerCounters counters_;

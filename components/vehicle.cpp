@@ -133,6 +133,7 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   VehicleSnapshot<G> s;
   const FactStore<G>& store = manager_->store();
   s.self = manager_->self();
+  manager_->update_live(front_end_component_->live());
   s.vehicles = manager_->vehicles(clock_());
   s.facts_digest = store.digest();
   s.map_digest = manager_->map().map->digest();
@@ -142,6 +143,7 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   for (const auto& [id, chain] : store.chains()) s.landmarks_known += chain.landmarks.size();
   s.landmarks_exported = front_end_component_->landmarks_exported();
   s.submaps = manager_->counters();
+  s.submaps.live_unfit += front_end_component_->remembered_unfit();
   s.repair = manager_->repair_counters();
   s.association = association_->counters();
   s.exchange = exchange_->counters();

@@ -49,7 +49,9 @@ struct VehicleParams {
 template <class G>
 struct VehicleSnapshot {
   ChainId self;
-  std::vector<VehicleState<G>> vehicles;  ///< all chains heard of, this one included
+  /// All chains heard of, each as of its own slam.stamp_s: this one now, a peer when it last spoke (VehicleParams::
+  /// live_period_s of its own, or its last anchor).
+  std::vector<VehicleState<G>> vehicles;
   Hash facts_digest = 0, map_digest = 0, selection_digest = 0;
   bool settled = false;                   ///< nothing missing, nothing to search, and the map holds every fact
   std::uint64_t facts_missing = 0;

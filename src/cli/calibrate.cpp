@@ -431,6 +431,8 @@ std::string calibration_text(const CalibrationResult& r) {
        r.by_truth ? std::to_string(r.fit.residuals / 3) + " spans of " + short_number(r.span_m) + " m or more, " +
                         std::to_string(r.drives.size()) + " drives"
                   : std::to_string(r.closures) + " accepted closures, " + std::to_string(r.drives.size()) + " drives");
+  line("", "best value  [95 % interval]; the element takes what is not told from zero at its upper end, and gamma as 1");
+  line("", "as long as its interval holds 1");
   line("gamma", with_interval(r.fit[VariancePart::gamma]));
   line("rate of x, y [m^2/m]", with_interval(r.fit[VariancePart::translation]));
   line("rate of heading [rad^2/m]", with_interval(r.fit[VariancePart::rotation]));

@@ -84,6 +84,7 @@ void use_paper_method(VehicleConfig& c) {
   c.vehicle.drift.model = DriftModel::literal;
   c.vehicle.submaps.backend = MapBackend::ekf;
   c.vehicle.association.literal_search = true;
+  c.front_end.max_remembered = 0;  // its live pose is that of the SLAM, moved by the bias of the last anchor
 }
 
 // Why a process gave up, by its own log; empty if it does not say.

@@ -1,30 +1,10 @@
 #include "vehicle_status.hpp"
 
-#include <array>
 #include <cstdio>
-#include <utility>
 
 namespace convoy::cli {
-namespace {
 
 using nlohmann::json;
-
-json reason_names(std::uint32_t reasons) {
-  json names = json::array();
-  const std::array<std::pair<std::uint32_t, const char*>, 8> table{{{reason_innovation, "innovation"},
-                                                                    {reason_disagreement, "disagreement"},
-                                                                    {reason_stale_peer, "stale_peer"},
-                                                                    {reason_equivocation, "equivocation"},
-                                                                    {reason_missing_facts, "missing_facts"},
-                                                                    {reason_impersonated, "impersonated"},
-                                                                    {reason_drift, "drift"},
-                                                                    {reason_ambiguous, "ambiguous"}}};
-  for (const auto& [bit, name] : table)
-    if (reasons & bit) names.push_back(name);
-  return names;
-}
-
-}  // namespace
 
 std::string hex(Hash hash) {
   char text[17];
@@ -40,7 +20,7 @@ json vehicle_status(double t_s, const VehicleSnapshot<SE2>& s) {
   for (const VehicleState<SE2>& v : s.vehicles)
     if (v.chain == s.self) {
       status["integrity"] = to_string(v.integrity);
-      status["reasons"] = reason_names(v.reasons);
+      status["reasons"] = names_of_reasons(v.reasons);
     }
   status["landmarks_exported"] = s.landmarks_exported;
   status["landmarks_known"] = s.landmarks_known;

@@ -58,7 +58,7 @@ Impairment Impairment::parse(std::string_view text) {
     }
     if (!fault.empty())
       throw ConfigError("impairment '" + all + "': cannot use '" + entry + "' (" + fault.substr(fault.find(' ') + 1) +
-                        "); write loss=0..1,duplicate=0..1,delay=SECONDS,jitter=SECONDS,seed=N");
+                        "); write loss=0..0.99,duplicate=0..1,delay=SECONDS,jitter=SECONDS,seed=N");
   }
   return result;
 }

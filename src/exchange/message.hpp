@@ -6,6 +6,7 @@
 #include <convoy/submap/facts.hpp>
 
 #include <cstdint>
+#include <string>
 #include <variant>
 #include <vector>
 
@@ -30,6 +31,9 @@ enum IntegrityReason : std::uint32_t {
   reason_drift = 1U << 6,          ///< the vehicle's drift is not the white noise it is taken for (lag-1 correlation)
   reason_ambiguous = 1U << 7,      ///< UNALIGNED though places in common were found: they fit in two ways, or one is all there is
 };
+
+/// "drift", "ambiguous", ...: the bits of IntegrityReason, lowest first.
+std::vector<std::string> names_of_reasons(std::uint32_t reasons);
 
 /// Landmarks frozen together, in the frame of one anchor (all of one chain, same `anchor`).
 template <class G>

@@ -57,11 +57,15 @@ std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>& landmarks) {
   const Eigen::MatrixXd rest = Eigen::MatrixXd::Identity(G::Dim * n, G::Dim * n) - A * least;
   const Eigen::MatrixXd own = rest * landmarks.covariance * rest.transpose();
   RigidPart<G> part;
-  part.shared = symmetrised(typename G::Covariance(least * landmarks.covariance * least.transpose()));
+  typename G::Covariance by_own = G::Covariance::Zero();  // what errors of their own do to the least-squares pose
   for (Eigen::Index i = 0; i < n; ++i) {
     const typename G::PointCovariance block = own.block(G::Dim * i, G::Dim * i, G::Dim, G::Dim);
-    part.own.push_back(symmetrised(typename G::PointCovariance(block + floor_m2 * G::PointCovariance::Identity())));
+    const Eigen::Matrix<double, G::Dof, G::Dim> K = least.middleCols(G::Dim * i, G::Dim);
+    by_own += K * block * K.transpose();
+    const double floor = floor_m2 + 1e-6 * block.trace();  // so that rounding to single precision leaves it positive
+    part.own.push_back(symmetrised(typename G::PointCovariance(block + floor * G::PointCovariance::Identity())));
   }
+  part.shared = positive_part(typename G::Covariance(least * landmarks.covariance * least.transpose() - by_own));
   return part;
 }
 

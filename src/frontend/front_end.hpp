@@ -33,7 +33,8 @@ struct FrozenLandmark {
   typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< relative to the closing anchor [m^2]
   typename G::Loading loading = G::Loading::Zero();  ///< shared part of the error, see LandmarkFact; zero: none stated
   Descriptor descriptor;
-  std::uint64_t track = 0;  ///< the front end's own name for what it followed; never leaves the vehicle
+  std::uint64_t track =
+      0;  ///< the front end's own name for what it followed; never leaves the vehicle; see remembered()
 };
 
 /// Splits the joint covariance of a batch (Dim n x Dim n, positive semidefinite) into the loadings of each landmark:
@@ -64,7 +65,8 @@ template <class G>
 RelativeLandmarks<G> subset(const RelativeLandmarks<G>& landmarks, const std::vector<std::size_t>& indices);
 
 /// The joint covariance of landmarks in two parts: what moves them all like one body, and what is each one's own (its
-/// block of the rest, with a floor of (1 cm)^2).
+/// block of the rest, with a floor of (1 cm)^2). Whoever lays them onto something by their own parts adds the shared
+/// one.
 template <class G>
 struct RigidPart {
   typename G::Covariance shared =
@@ -84,8 +86,10 @@ class FrontEnd {
   /// The same without what no fact may use (DESIGN R5), for facts that are stated between anchors. A SLAM that knows
   /// its present pose by landmarks it has exported must leave them out here; relative to the last anchor.
   virtual FrontEndState<G> exportable_state() const { return state(); }
-  /// What a SLAM knows of landmarks that it has exported, if it goes on seeing them: the live pose is improved by
-  /// laying them onto the map. No fact uses it. Others may be among them.
+  /// What the SLAM still knows of landmarks that it has exported, however long ago it saw them: the live pose is
+  /// improved by laying them onto the map; no fact uses it. Give each once, by the FrozenLandmark::track it was
+  /// exported under, which must then be unique; others may be among them. What is not usable (see RelativeLandmarks) is
+  /// counted and left out (FrontEndComponent::remembered_unfit). Called at every live pose and snapshot.
   virtual RelativeLandmarks<G> remembered() const { return {}; }
   /// Segments closed since the last call, oldest first; none closes later than state().
   virtual std::vector<Segment<G>> take_segments() = 0;

@@ -26,10 +26,13 @@ Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
     if (found == map.class_of.end() || std::find(known.at.begin(), known.at.end(), found->second) != known.at.end())
       continue;
     known.landmarks.push_back(l);
+    known.landmarks.back().covariance = positive_part(l.covariance);
     known.at.push_back(found->second);
   }
   return known;
 }
+
+constexpr double widest_turn_rad2 = 0.09;
 
 // The pose that lays landmarks onto points, T l_i = m_i, by their own covariances.
 template <class G>
@@ -67,6 +70,10 @@ std::optional<Laid<G>> lay(const std::vector<RememberedLandmark<G>>& landmarks,
     if (!step.allFinite()) return std::nullopt;
     laid.pose = laid.pose * G::Exp(step);
     if (step.norm() > 1e-9) continue;
+    const typename G::Covariance inverse = N.inverse();  // in space: points in a row leave the turn about it open
+    if (!(inverse.template bottomRightCorner<G::Dof - G::Dim, G::Dof - G::Dim>().diagonal().maxCoeff() <
+          widest_turn_rad2))
+      return std::nullopt;
     laid.gain = ldlt.solve(laid.gain).eval();
     laid.own.setZero();
     for (Eigen::Index i = 0; i < n; ++i) {
@@ -97,55 +104,62 @@ std::optional<std::vector<typename G::PointCovariance>> own_of(const Surrounding
   return std::move(part->own);
 }
 
-// Of the mixtures T_1 Exp((1 - w) e) of two poses, e = Log(T_1^-1 T_2), the one whose covariance is smallest. What the
-// map contributes to both is known; what the SLAM contributes is not independent, and w Q + (1 - w) S is no smaller
-// than the covariance of w q + (1 - w) s, whatever q and s have in common. Empty if the two contradict each other: one
-// of them is not what it says.
+// Without its point `i`.
 template <class G>
-std::optional<Estimate<G>> mixed(const Surroundings<G>& around, const Laid<G>& laid, const typename G::Covariance& S) {
-  const Eigen::Index n = laid.gain.cols();
-  const typename G::Tangent e = (around.pose.inverse() * laid.pose).Log();
-  Eigen::MatrixXd F(G::Dof, G::Dof + n);
+void leave_out(Surroundings<G>& around, Eigen::Index i) {
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index row = 0; row < around.covariance.rows(); ++row)
+    if (row < G::Dof + G::Dim * i || row >= G::Dof + G::Dim * (i + 1)) rows.push_back(row);
+  around.covariance = Eigen::MatrixXd(around.covariance(rows, rows));
+  around.points.erase(around.points.begin() + i);
+}
+
+template <class G>
+Estimate<G> continued(const Surroundings<G>& around) {
+  const typename G::Covariance of_map = around.covariance.template topLeftCorner<G::Dof, G::Dof>();
+  return {around.pose, symmetrised(typename G::Covariance(of_map + around.motion))};
+}
+
+// Of the two ways to know the pose the one that is known better, unless they contradict each other: then one of them is
+// not what it says. Both come from the same measurements in ways that nobody knows any more, so that no mixture of them
+// can be shown to be known better than the better one.
+template <class G>
+Estimate<G> better(const Surroundings<G>& around, const Laid<G>& laid, const typename G::Covariance& of_slam) {
+  const Estimate<G> one = continued(around);
+  const Eigen::MatrixXd of_points = around.covariance.bottomRightCorner(laid.gain.cols(), laid.gain.cols());
+  const Estimate<G> other{laid.pose,
+                          symmetrised(typename G::Covariance(laid.gain * of_points * laid.gain.transpose() + of_slam))};
+  Eigen::MatrixXd F(G::Dof, G::Dof + laid.gain.cols());
   F << -G::Covariance::Identity(), laid.gain;
-  const typename G::Covariance apart = F * around.covariance * F.transpose() + 2.0 * (around.motion + S);  // at most
-  if (!(squared_mahalanobis(e, symmetrised(apart)) < chi2_quantile(0.9999, G::Dof))) return std::nullopt;
-  const auto of = [&](double w) {
-    F << w * G::Covariance::Identity(), (1.0 - w) * laid.gain;
-    return Estimate<G>{
-        around.pose * G::Exp((1.0 - w) * e),
-        symmetrised(typename G::Covariance(F * around.covariance * F.transpose() + w * around.motion + (1.0 - w) * S))};
-  };
-  Estimate<G> best = of(1.0);
-  constexpr int steps = 10;
-  for (int k = 0; k < steps; ++k) {
-    const Estimate<G> mixture = of(static_cast<double>(k) / steps);
-    if (mixture.covariance.determinant() < best.covariance.determinant()) best = mixture;
-  }
-  return best;
+  const typename G::Covariance apart =
+      F * around.covariance * F.transpose() + 2.0 * (around.motion + of_slam);  // at most
+  const typename G::Tangent e = (one.mean.inverse() * other.mean).Log();
+  const bool agree = squared_mahalanobis(e, symmetrised(apart)) < chi2_quantile(0.9999, G::Dof);
+  const bool definite = Eigen::LLT<typename G::Covariance>(other.covariance).info() == Eigen::Success;
+  return agree && definite && other.covariance.determinant() < one.covariance.determinant() ? other : one;
 }
 
 }  // namespace
 
 template <class G>
 std::optional<Estimate<G>> live_pose(const GlobalMap<G>& map, const LivePose<G>& live) {
-  const double gate = chi2_quantile(0.999, G::Dim);
   Remembered<G> known = known_to(map, live);
   const std::size_t enough = std::max<std::size_t>(G::Dim + 1, (2 * known.at.size() + 2) / 3);
-  while (known.at.size() >= enough) {
-    const auto around = map.map->surroundings(live.chain, live.state, known.at);
-    if (!around) return std::nullopt;
+  if (known.at.size() < enough) return map.map->pose(live.chain, live.state);
+  auto around = map.map->surroundings(live.chain, live.state, known.at);
+  if (!around) return std::nullopt;
+  const double gate = chi2_quantile(0.999, G::Dim);
+  while (known.landmarks.size() >= enough) {
     const auto own = own_of(*around);
     const auto laid = own ? lay(known.landmarks, around->points, *own, around->pose) : std::nullopt;
     if (!laid) break;
     const auto worst = std::max_element(laid->chi2.begin(), laid->chi2.end()) - laid->chi2.begin();
-    if (laid->chi2[static_cast<std::size_t>(worst)] < gate) {
-      if (auto both = mixed(*around, *laid, typename G::Covariance(live.shared + laid->own))) return both;
-      break;
-    }
+    if (laid->chi2[static_cast<std::size_t>(worst)] < gate)
+      return better(*around, *laid, typename G::Covariance(positive_part(live.shared) + laid->own));
     known.landmarks.erase(known.landmarks.begin() + worst);  // it was taken for another one, or has moved
-    known.at.erase(known.at.begin() + worst);
+    leave_out(*around, worst);
   }
-  return map.map->pose(live.chain, live.state);
+  return continued(*around);
 }
 
 #define CONVOY_INSTANTIATE(G) template std::optional<Estimate<G>> live_pose(const GlobalMap<G>&, const LivePose<G>&);

@@ -95,7 +95,8 @@ std::string tiles(const json& m) {
   const json& associations = m.at("associations");
   const auto above_zero = [](const json& value) { return value.is_number() && value.get<double>() > 0.0; };
   std::string out = "<div class=\"tiles\">\n";
-  out += tile(show(worst(m.at("pairs"), "distance_rmse_m"), 3, "m"), "distance RMSE, worst pair, after association");
+  out += tile(show(worst(m.at("pairs"), "distance_rmse_settled_m"), 3, "m"),
+              "distance RMSE, worst pair, from 10 s after association");
   if (m.at("fleet_ate_m").is_number()) out += tile(show(m.at("fleet_ate_m"), 3, "m"), "fleet ATE");
   if (m.at("landmark_rmse_m").is_number()) out += tile(show(m.at("landmark_rmse_m"), 3, "m"), "landmark RMSE");
   out += tile(show_percent(m.at("fleet_coverage95")), "of live poses within 95 % bound");

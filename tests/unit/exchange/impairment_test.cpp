@@ -53,7 +53,7 @@ TEST_P(UnusableImpairment, IsRefusedWithItsNameAndTheMend) {
     FAIL() << "'" << entry << "' was accepted";
   } catch (const ConfigError& error) {
     EXPECT_THAT(error.what(), HasSubstr("'" + entry + "'"));
-    EXPECT_THAT(error.what(), HasSubstr("loss=0..1"));
+    EXPECT_THAT(error.what(), HasSubstr("loss=0..0.99"));
   }
 }
 
