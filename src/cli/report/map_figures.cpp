@@ -196,8 +196,8 @@ std::string drift_findings(const RunRecord& run, const VehicleRecord& vehicle, c
     return row.vehicle == vehicle.id && row.slam && !anchors.empty() && row.t_s <= anchors.back()->stamp_s;
   });
   if (last != rows.rend())
-    text += " At the last of these ends the one reaches " +
-            metres_text(reach_m(drift_covariance(*anchors.back(), placement))) + ", the other " +
+    text += " Where the last segment ends, the ellipse of the drift reaches " +
+            metres_text(reach_m(drift_covariance(*anchors.back(), placement))) + ", that of the SLAM alone " +
             metres_text(reach_m(position_covariance(*last->slam))) + ".";
   if (drift.judged == 0 && slam.judged == 0) text += " There is no pose truth to judge the ellipses by.";
   return text;

@@ -143,7 +143,7 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
                     show_percents(v.at("pose_coverage95_fit"), v.at("pose_coverage95_start")),
                     show(v.at("trajectory_anees"), 2), show_percent(v.at("trajectory_coverage95")),
                     show(v.at("bytes_per_s_mean"), 0), show(v.at("bytes_per_s_max"), 0), show(v.at("requests_sent"), 0),
-                    show(v.at("peak_rss_mb"), 0), show_integrity(v), show_text(v.at("map_digest"))});
+                    show(v.at("peak_rss_mb"), 0), show_integrity(v), show_text(v.at("map_digest")).substr(0, 8)});
   return table({"vehicle", "landmarks exported", "known", "facts missing", "ATE [m]", "live ANEES, gauge fit / start",
                 "live within 95 %, gauge fit / start", "final ANEES", "final within 95 %", "mean [B/s]", "worst [B/s]",
                 "requests", "memory [MB]", "integrity", "map digest"},

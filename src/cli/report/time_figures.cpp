@@ -88,18 +88,22 @@ void draw_distances(SvgPlot& plot, const PairSeries& pair, double width) {
   if (pair.first_association_s) plot.vertical(*pair.first_association_s, {"#7b8794", 1.2, "4 3"}, "first association");
 }
 
-/// How well blue lies on black from the first association on, and why lines have gaps.
+/// How well blue lies on black once vehicles are associated, and why lines have gaps.
 std::string distance_findings(const Evaluation& evaluation, const std::vector<const PairSeries*>& pairs) {
   std::string text;
-  json best, worst;
-  for (const json& pair : evaluation.metrics.at("pairs"))
-    if (const json& rmse = pair.at("distance_rmse_m"); rmse.is_number()) {
-      if (best.is_null() || rmse < best) best = rmse;
-      if (worst.is_null() || rmse > worst) worst = rmse;
-    }
-  if (best.is_number())
-    text += " From the first association on, blue is off by " + fixed(best.get<double>(), 2) +
-            (worst == best ? "" : " to " + fixed(worst.get<double>(), 2)) + " m RMSE.";
+  const auto range = [&evaluation](const char* key) {
+    json best, worst;
+    for (const json& pair : evaluation.metrics.at("pairs"))
+      if (const json& rmse = pair.at(key); rmse.is_number()) {
+        if (best.is_null() || rmse < best) best = rmse;
+        if (worst.is_null() || rmse > worst) worst = rmse;
+      }
+    if (!best.is_number()) return std::string();
+    return fixed(best.get<double>(), 2) + (worst == best ? "" : " to " + fixed(worst.get<double>(), 2)) + " m RMSE";
+  };
+  if (const std::string settled = range("distance_rmse_settled_m"); !settled.empty())
+    text += " From ten seconds after the first association on, blue is off by " + settled +
+            "; with the seconds in which the association is found and the map is built, by " + range("distance_rmse_m") + ".";
   std::size_t after = 0, not_aligned = 0, without_peer = 0, without_truth = 0;
   for (const PairSeries* pair : pairs) {
     for (const DistanceSample& sample : pair->distances) {

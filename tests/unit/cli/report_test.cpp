@@ -195,7 +195,7 @@ TEST(Report, TheDistanceCaptionNamesTheReasonsOfGaps) {
   test::FakeRun(street(), folder.path()).write_all();
   Page page = page_of(folder.path());
   EXPECT_THAT(caption(page, 14), Not(HasSubstr("has a gap")));
-  EXPECT_THAT(caption(page, 14), HasSubstr("From the first association on, blue is off by 0."));
+  EXPECT_THAT(caption(page, 14), HasSubstr("From ten seconds after the first association on, blue is off by 0."));
   std::erase_if(page.run.vehicles[1].truth, [](const TruthPose& pose) { return pose.t_s > 50.0 && pose.t_s < 60.0; });
   for (PoseRow& row : page.run.vehicles[0].live)
     if (row.vehicle == 2 && row.t_s > 61.5 && row.t_s < 64.5) row.common.reset();
