@@ -303,6 +303,21 @@ void Selector<G>::decide(Group& group, const std::vector<int>& weights) const {
   }
 }
 
+// Pairings; those of several statements about the same two batches, which hold together, count once between them.
+template <class G>
+std::vector<int> Selector<G>::weights_of(const Group& group, const std::vector<Hypothesis<G>*>& members) const {
+  constexpr int unit = 60;  // whole numbers: divisible by what there may be of them
+  std::vector<int> weights;
+  for (std::size_t k = 0; k < members.size(); ++k) {
+    int statements = 0;
+    for (std::size_t m = 0; m < members.size(); ++m)
+      statements += k == m || (members[k]->batch_a == members[m]->batch_a && members[k]->batch_b == members[m]->batch_b &&
+                               group.together(group.active[k], group.active[m]));
+    weights.push_back(std::max(1, unit * static_cast<int>(members[k]->pairings.size()) / statements));
+  }
+  return weights;
+}
+
 // Of the hypotheses between two chains those stand that hold together (DESIGN B5, T3).
 template <class G>
 void Selector<G>::find_consensus(std::vector<Hypothesis<G>>& hypotheses) {
@@ -312,14 +327,10 @@ void Selector<G>::find_consensus(std::vector<Hypothesis<G>>& hypotheses) {
   for (const auto& [chains, members] : active) {
     Group& group = groups_.at(chains);
     std::vector<std::size_t> numbers;
-    std::vector<int> weights;
-    for (const Hypothesis<G>* h : members) {
-      numbers.push_back(examined_.at(h->id).member);
-      weights.push_back(static_cast<int>(h->pairings.size()));
-    }
+    for (const Hypothesis<G>* h : members) numbers.push_back(examined_.at(h->id).member);
     if (numbers != group.active) {
       group.active = std::move(numbers);
-      decide(group, weights);
+      decide(group, weights_of(group, members));
     }
     for (std::size_t k = 0; k < members.size(); ++k) members[k]->state = group.state_of[group.active[k]];
   }

@@ -79,6 +79,7 @@ class Selector {
   bool hold_together(const FactStore<G>& store, const Examined& h, const Examined& k) const;
   using ByChains = std::map<std::pair<ChainId, ChainId>, std::vector<Hypothesis<G>*>>;
   void find_consensus(std::vector<Hypothesis<G>>& hypotheses);
+  std::vector<int> weights_of(const Group& group, const std::vector<Hypothesis<G>*>& members) const;
   void decide(Group& group, const std::vector<int>& weights) const;
   void demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) const;
   int number(const FactStore<G>& store, const Key& landmark);

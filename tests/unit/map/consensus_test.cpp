@@ -256,6 +256,23 @@ TEST(Consensus, NothingConfirmsItself) {
   EXPECT_EQ(street.state_of(part), HypothesisState::unconfirmed);
 }
 
+// However often a lie is told in other words.
+TEST(Consensus, StatementsAboutOnePlaceHaveOneVote) {
+  Street street(unknown);
+  std::vector<Hash> right;
+  for (std::size_t i = 0; i < 5; ++i) right.push_back(street.truth(i));
+  const Hash lie = street.alias(0, 3);
+  const auto whole = std::get<AssociationFact>(street.fleet.facts.back()).pairings;
+  std::vector<Hash> lies{lie};
+  for (std::size_t left_out = 0; left_out < 8; ++left_out) {
+    auto part = whole;
+    part.erase(part.begin() + static_cast<std::ptrdiff_t>(left_out));
+    lies.push_back(street.fleet.associate(2, part));
+  }
+  for (const Hash id : lies) EXPECT_EQ(street.state_of(id), HypothesisState::outvoted);
+  for (const Hash id : right) EXPECT_EQ(street.state_of(id), HypothesisState::accepted);
+}
+
 // What the map leaves out keeps its vote: what it outvoted does not rise again.
 TEST(Consensus, LeavingOneOutLetsNothingElseIn) {
   Street street(unknown);
