@@ -32,7 +32,8 @@ Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
   return known;
 }
 
-constexpr double widest_turn_rad2 = 0.09;
+constexpr double widest_turn_rad2 = 0.09;  // (0.3 rad)^2, as for alignments
+constexpr double small_step = 1e-6;        // m and rad: far from the origin rounding is not much less
 
 // The pose that lays landmarks onto points, T l_i = m_i, by their own covariances.
 template <class G>
@@ -69,7 +70,7 @@ std::optional<Laid<G>> lay(const std::vector<RememberedLandmark<G>>& landmarks,
     const typename G::Tangent step = ldlt.solve(g);
     if (!step.allFinite()) return std::nullopt;
     laid.pose = laid.pose * G::Exp(step);
-    if (step.norm() > 1e-9) continue;
+    if (step.norm() > small_step) continue;
     const typename G::Covariance inverse = N.inverse();  // in space: points in a row leave the turn about it open
     if (!(inverse.template bottomRightCorner<G::Dof - G::Dim, G::Dof - G::Dim>().diagonal().maxCoeff() <
           widest_turn_rad2))
