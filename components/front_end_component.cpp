@@ -16,6 +16,8 @@ ChainState<G> advance(DriftAccumulator<G>& drift, const FrontEndState<G>& s) {
 }
 
 constexpr double trail_spacing_m = 1.0;
+constexpr double memory_s = 120.0;  // for how long others may take to say that they saw this vehicle
+constexpr double max_gap_s = 2.0;  // between two states, so that the way in between is known
 
 // One position per track, each track once, and a joint covariance of that size; all finite.
 template <class G>
@@ -41,6 +43,9 @@ FrontEndComponent<G>::FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>
       live_period_s_(live_period_s),
       drift_(drift),
       drift_at_anchor_(drift) {
+  if constexpr (G::Dim == 3) {  // a SLAM that keeps a tilt bounded knows what is up: the z axis of its frame
+    if (params_.persistent.bounded()) params_.persistent.up = start_.pose.rotation().row(2).transpose();
+  }
   state_.stamp_s = start_.stamp_s;
   front_end_.take_segments();  // what converged before this chain began belongs to no anchor of it
 }
@@ -58,10 +63,54 @@ void FrontEndComponent<G>::poll() {
   for (const Segment<G>& segment : front_end_.take_segments()) close(segment);
   state_ = advance(drift_, since_start(front_end_.state()));
   if (trail_.empty() || state_.abscissa_m >= trail_.back().abscissa_m + trail_spacing_m) trail_.push_back(state_);
+  remember_state();
+  answer_encounters();
   if (!live_s_ || state_.stamp_s >= *live_s_ + live_period_s_) {
     live_s_ = state_.stamp_s;
     manager_.publish_live(live());
   }
+}
+
+template <class G>
+void FrontEndComponent<G>::remember_state() {
+  constexpr double spacing_s = 0.1;
+  if (!recent_.empty() && state_.stamp_s < recent_.back().stamp_s + spacing_s) return;
+  recent_.push_back(exportable_state());
+  while (recent_.front().stamp_s < state_.stamp_s - memory_s) recent_.pop_front();
+}
+
+// Between two states that are remembered, on the motion of constant speed from one to the other.
+template <class G>
+std::optional<ChainState<G>> FrontEndComponent<G>::state_at(double stamp_s) const {
+  const auto after = std::lower_bound(recent_.begin(), recent_.end(), stamp_s,
+                                      [](const ChainState<G>& s, double t) { return s.stamp_s < t; });
+  if (after == recent_.end() || (after == recent_.begin() && after->stamp_s != stamp_s)) return std::nullopt;
+  if (after->stamp_s == stamp_s) return *after;
+  const ChainState<G>&a = *std::prev(after), &b = *after;
+  if (b.stamp_s - a.stamp_s > max_gap_s) return std::nullopt;
+  const double share = (stamp_s - a.stamp_s) / (b.stamp_s - a.stamp_s);
+  const auto between = [&](const auto& x, const auto& y) { return (x + share * (y - x)).eval(); };
+  ChainState<G> s;
+  s.stamp_s = stamp_s;
+  s.abscissa_m = a.abscissa_m + share * (b.abscissa_m - a.abscissa_m);
+  s.pose = a.pose * G::Exp(share * (a.pose.inverse() * b.pose).Log());
+  s.drift = between(a.drift, b.drift);
+  s.heading_lever = between(a.heading_lever, b.heading_lever);
+  return s;
+}
+
+template <class G>
+void FrontEndComponent<G>::answer_encounters() {
+  for (const auto& encounter : manager_.take_unanswered()) seen_.push_back(encounter);
+  std::erase_if(seen_, [&](const std::pair<Key, double>& encounter) {
+    const auto& [key, stamp_s] = encounter;
+    if (stamp_s > state_.stamp_s && stamp_s < state_.stamp_s + memory_s) return false;  // not there yet
+    const auto state = state_at(stamp_s);
+    const bool next_will_tell = !recent_.empty() && stamp_s > recent_.back().stamp_s && stamp_s <= state_.stamp_s;
+    if (!state && next_will_tell) return false;
+    if (!state || !manager_.publish_waypoint(*state, key, mark_)) ++encounters_unanswered_;
+    return true;
+  });
 }
 
 template <class G>

@@ -24,6 +24,7 @@ template <class G>
 void validate(const ChainId& self, const SubmapManagerParams& p) {
   if (self.vehicle == 0) throw ConfigError("submap manager: vehicle id 0 means 'nobody'; use 1 or more");
   if (!(p.map_period_s > 0.0 && p.stale_peer_s > 0.0)) throw ConfigError("submap manager: periods must be > 0");
+  if (!(p.encounter_period_s >= 0.0)) throw ConfigError("submap manager: encounter_period_s must be >= 0");
   if (!(p.repair.digest_period_s > 0.0)) throw ConfigError("submap manager: the digest period must be > 0");
   const auto& roster = p.limits.roster;
   if (!roster.empty() && std::find(roster.begin(), roster.end(), self.vehicle) == roster.end())
@@ -62,7 +63,8 @@ void SubmapManager<G>::publish(const Fact& fact) {
 }
 
 template <class G>
-void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias) {
+void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias,
+                                  const PersistentDrift& persistent) {
   AnchorFact<G> start;
   start.key = {self_, next_index_[static_cast<std::size_t>(FactKind::anchor)]++};
   start.state.stamp_s = stamp_s;
@@ -73,9 +75,10 @@ void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G
     prior.mean = static_bias->mean;
     prior.covariance = static_bias->covariance;
   }
+  prior.persistent = persistent;
   if (const Insertion fit = store_.check(prior); fit != Insertion::inserted)
     throw ConfigError(std::string("submap manager: the static bias is refused (") + to_string(fit) +
-                      "); give a finite pose and a symmetric positive semidefinite covariance");
+                      "); give a finite pose, a symmetric positive semidefinite covariance, and a persistent drift within its ranges");
   publish(start);
   publish(prior);
   send(start);
@@ -160,6 +163,50 @@ bool SubmapManager<G>::publish_absolute_fix(const ChainState<G>& state, const ty
 }
 
 template <class G>
+bool SubmapManager<G>::publish_encounter(const ChainState<G>& state, VehicleId other, const typename G::Point& position,
+                                         const typename G::PointCovariance& covariance) {
+  auto& next = next_index_[static_cast<std::size_t>(FactKind::encounter)];
+  const EncounterFact<G> fact{{self_, next}, anchor_before(state), state, other, position, covariance};
+  if (store_.check(fact) != Insertion::inserted) {
+    ++counters_.facts_unfit;
+    return false;
+  }
+  const auto [last, first_time] = encounter_s_.try_emplace(other, state.stamp_s);
+  if (!first_time && std::abs(state.stamp_s - last->second) < params_.encounter_period_s) {
+    ++counters_.encounters_thinned;
+    return true;
+  }
+  last->second = state.stamp_s;
+  ++next;
+  publish(fact);
+  send(fact);
+  return true;
+}
+
+template <class G>
+bool SubmapManager<G>::publish_waypoint(const ChainState<G>& state, const Key& encounter, const typename G::Point& mark) {
+  auto& next = next_index_[static_cast<std::size_t>(FactKind::waypoint)];
+  const WaypointFact<G> fact{{self_, next}, anchor_before(state), state, encounter, mark};
+  if (store_.check(fact) != Insertion::inserted) {
+    ++counters_.facts_unfit;
+    return false;
+  }
+  ++next;
+  publish(fact);
+  send(fact);
+  return true;
+}
+
+// The last own anchor that is not later than a state.
+template <class G>
+std::uint32_t SubmapManager<G>::anchor_before(const ChainState<G>& state) const {
+  const auto& anchors = store_.chains().at(self_).anchors;
+  std::uint32_t index = anchors.rbegin()->first;
+  while (index > 0 && anchors.at(index).state.stamp_s > state.stamp_s) --index;
+  return index;
+}
+
+template <class G>
 bool SubmapManager<G>::is_fit(const LivePose<G>& live) const {
   AnchorFact<G> state{{live.chain, 1}, live.state};
   bool fit = store_.check(state) == Insertion::inserted;
@@ -237,6 +284,10 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
           take_in(FactKind::verdict, payload);
         } else if constexpr (std::is_same_v<P, AbsoluteFixFact<G>>) {
           take_in(FactKind::absolute_fix, payload);
+        } else if constexpr (std::is_same_v<P, EncounterFact<G>>) {
+          take_in(FactKind::encounter, payload);
+        } else if constexpr (std::is_same_v<P, WaypointFact<G>>) {
+          take_in(FactKind::waypoint, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
           const bool fit = is_fit(payload);
           counters_.live_unfit += !fit;
@@ -260,7 +311,10 @@ void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
   }
   repair_.on_fact_seen(kind, fact.key);
   if (own) return;
-  counters_.facts_received += insert(fact);
+  const bool fresh = insert(fact);
+  counters_.facts_received += fresh;
+  if constexpr (std::is_same_v<Fact, EncounterFact<G>>)
+    if (fresh && fact.other == self_.vehicle) unanswered_.emplace_back(fact.key, fact.state.stamp_s);
 }
 
 template <class G>
@@ -323,6 +377,8 @@ std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
     add_all(chain.associations);
     add_all(chain.verdicts);
     add_all(chain.absolute_fixes);
+    add_all(chain.encounters);
+    add_all(chain.waypoints);
   }
   return order;
 }

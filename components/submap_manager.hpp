@@ -10,6 +10,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -26,6 +27,7 @@ struct SubmapManagerParams {
   SelectionParams selection;
   MapBackend backend = MapBackend::sparse;
   double map_period_s = 1.0;   ///< between two rebuilds at least, > 0; nothing is done while no fact is new
+  double encounter_period_s = 2.0;  ///< between two encounters with the same vehicle at least, >= 0; the others are not sent
   double stale_peer_s = 15.0;  ///< a vehicle not heard of for longer is reported as stale, > 0
   std::uint64_t seed = 1;      ///< of the repair protocol's jitter
 };
@@ -46,6 +48,7 @@ struct SubmapManagerCounters {
   std::uint64_t facts_received = 0;        ///< taken in from others
   std::uint64_t facts_unfit = 0;           ///< of this vehicle's own making, and left out
   std::uint64_t fixes_thinned = 0;         ///< absolute fixes within the correlation time of one published: not needed
+  std::uint64_t encounters_thinned = 0;    ///< within `encounter_period_s` of one published: not sent
   std::uint64_t live_unfit = 0;            ///< live poses that were not finite or beyond the limits
   std::uint64_t unknown_senders = 0;       ///< messages of vehicles that are not on the roster
   std::uint64_t facts_impersonated = 0;    ///< claimed to be this vehicle's own, and were not: refused
@@ -58,7 +61,8 @@ struct SubmapManagerCounters {
 
 template <class G>
 using AnyFact =
-    std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact, AbsoluteFixFact<G>>;
+    std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact, AbsoluteFixFact<G>,
+                 EncounterFact<G>, WaypointFact<G>>;
 
 /// What it takes to build a map elsewhere.
 template <class G>
@@ -86,8 +90,8 @@ class SubmapManager {
 
   // ---- own facts, each stated once; indices are given here ----
   /// Opens the chain: the first anchor, and the static bias if the start is known. Call first, once. Throws ConfigError
-  /// if the static bias is not finite or its covariance is none.
-  void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias);
+  /// if the static bias is not finite or its covariance is none, or if `persistent` is out of range.
+  void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias, const PersistentDrift& persistent = {});
   /// A closing anchor with its batch; key and anchor of the landmarks are set here. What is not fit to be a fact (not
   /// finite, no covariance) is left out and counted, and takes no index. Returns the index of each landmark given.
   std::vector<std::optional<std::uint32_t>> publish_segment(const ChainState<G>& closing,
@@ -101,6 +105,14 @@ class SubmapManager {
   /// counted.
   bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever,
                             const typename G::Point& position, const typename G::PointCovariance& covariance);
+  /// This vehicle, when its SLAM was at `state`, saw the mark of vehicle `other` at `position` in its own body frame [m],
+  /// `covariance` [m^2]. False if it is not fit to be a fact.
+  bool publish_encounter(const ChainState<G>& state, VehicleId other, const typename G::Point& position,
+                         const typename G::PointCovariance& covariance);
+  /// Encounters in which others saw this vehicle and that it has not answered yet, each handed out once. [key, stamp_s]
+  std::vector<std::pair<Key, double>> take_unanswered() { return std::exchange(unanswered_, {}); }
+  /// Answers one: where the SLAM was then, and the mark that others see, body frame [m]. False if it is not fit to be a fact.
+  bool publish_waypoint(const ChainState<G>& state, const Key& encounter, const typename G::Point& mark);
   /// Where this vehicle is now: `state`, `remembered` and `shared` are the caller's. Not a fact: only the last one
   /// counts. Landmarks that are not fit (not finite, no covariance, too many) are left out and counted.
   void publish_live(LivePose<G> live);
@@ -149,6 +161,7 @@ class SubmapManager {
   void send_digest(double now_s);
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
   bool map_due(double now_s) const;
+  std::uint32_t anchor_before(const ChainState<G>& state) const;
   bool is_fit(const LivePose<G>& live) const;
   const std::optional<Estimate<G>>& locate(Live& live) const;
   template <class Fact>
@@ -170,6 +183,8 @@ class SubmapManager {
   std::array<std::uint32_t, fact_kind_count> next_index_{};
   std::optional<Live> live_;
   std::optional<double> fix_s_;  // stamp of the last absolute fix published
+  std::map<VehicleId, double> encounter_s_;  // stamp of the last encounter published with each
+  std::vector<std::pair<Key, double>> unanswered_;
   std::map<ChainId, Peer> peers_;
   SubmapManagerCounters counters_;
 };

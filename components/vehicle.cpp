@@ -38,7 +38,8 @@ void Vehicle<G>::configure() {
   auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association);
   front_end->on_export(on_export_);
   // The static bias is where the first epoch began; a later one begins somewhere else, which nobody knows.
-  manager->open_chain(front_end_.state().stamp_s, first ? params_.static_bias : std::nullopt);
+  manager->open_chain(front_end_.state().stamp_s, first ? params_.static_bias : std::nullopt, front_end->persistent());
+  front_end->set_mark(params_.mark);
   state_folder_ = std::move(folder);
   exchange_ = std::move(exchange);
   manager_ = std::move(manager);
@@ -103,6 +104,7 @@ template <class G>
 void Vehicle<G>::step() {
   const double now_s = clock_();
   manager_->step(now_s);
+  front_end_component_->answer_encounters();
   searches_left_ = association_->step(params_.searches_per_step);
   if (auto built = map_worker_->collect()) map_worker_->retire(manager_->adopt(std::move(*built)));
   if (map_worker_->idle())
@@ -127,6 +129,14 @@ bool Vehicle<G>::feed_absolute_fix(const typename G::Point& lever, const typenam
 }
 
 template <class G>
+bool Vehicle<G>::feed_encounter(VehicleId other, const typename G::Point& position,
+                                const typename G::PointCovariance& covariance) {
+  const std::lock_guard lock(mutex_);
+  if (state_ == State::unconfigured) return false;
+  return manager_->publish_encounter(front_end_component_->exportable_state(), other, position, covariance);
+}
+
+template <class G>
 VehicleSnapshot<G> Vehicle<G>::snapshot() {
   const std::lock_guard lock(mutex_);
   if (!manager_) throw ConfigError("vehicle: snapshot() needs a configured vehicle");
@@ -144,6 +154,7 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.landmarks_exported = front_end_component_->landmarks_exported();
   s.submaps = manager_->counters();
   s.submaps.live_unfit += front_end_component_->remembered_unfit();
+  s.encounters_unanswered = front_end_component_->encounters_unanswered();
   s.repair = manager_->repair_counters();
   s.association = association_->counters();
   s.exchange = exchange_->counters();

@@ -37,6 +37,7 @@ struct VehicleParams {
   std::function<Epoch()> fresh_epoch = epoch_from_clock;  ///< an epoch that this vehicle id never used; a fixed number
                                                           ///< makes runs repeatable, and collides with other runs
   std::optional<Estimate<G>> static_bias;        ///< where its first epoch starts in the common frame, if known
+  typename G::Point mark = G::Point::Zero();     ///< what other vehicles see of this one, body frame [m]
   DriftParams<G> drift;
   AssociationParams association;
   SubmapManagerParams submaps;
@@ -57,6 +58,7 @@ struct VehicleSnapshot {
   std::uint64_t facts_missing = 0;
   std::uint64_t landmarks_known = 0;
   std::uint64_t landmarks_exported = 0;
+  std::uint64_t encounters_unanswered = 0;  ///< others saw this vehicle at a moment that it does not remember
   SubmapManagerCounters submaps;
   RepairCounters repair;
   AssociationCounters association;
@@ -94,6 +96,12 @@ class Vehicle {
   /// SelectionParams::fix_correlation_s is sent.
   bool feed_absolute_fix(const typename G::Point& lever, const typename G::Point& position,
                          const typename G::PointCovariance& covariance);
+
+  /// This vehicle sees another one: its mark is at `position` in the body frame now [m], `covariance` [m^2]. From any thread,
+  /// after the sensor input of the same moment. The other one says where it was then, so the stamps of both front ends must be
+  /// of one clock. Refused (false) while unconfigured, or if it is not fit to be a fact. Any rate will do: one per
+  /// SubmapManagerParams::encounter_period_s and vehicle is sent.
+  bool feed_encounter(VehicleId other, const typename G::Point& position, const typename G::PointCovariance& covariance);
 
   /// Throws ConfigError while unconfigured.
   VehicleSnapshot<G> snapshot();

@@ -76,6 +76,8 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("drift", "rate_y_m2_per_m", d.rate[1]);
   visit("drift", "rate_theta_rad2_per_m", d.rate[2]);
   visit("drift", "landmark_inflation", d.landmark_inflation);
+  visit("drift", "scale_sigma", d.persistent.scale);
+  visit("drift", "heading_sigma_rad_per_m", d.persistent.heading_rad_per_m);
 
   AssociationParams& a = v.association;
   visit("association", "compatibility", a.constraints.compatibility);
@@ -105,6 +107,7 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("map", "fix_correlation_s", s.selection.fix_correlation_s);
   visit("map", "fix_residual", s.selection.fix_residual);
   visit("map", "common_frame_is_enu", s.selection.common_frame_is_enu);
+  visit("map", "encounter_period_s", s.encounter_period_s);
   visit("map", "reference_vehicle", s.selection.reference);
   visit("map", "stale_peer_s", s.stale_peer_s);
 
@@ -121,6 +124,9 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("sensors", "file", c.sensors.file);
   visit("sensors", "rate", c.sensors.rate);
   visit("sensors", "start_unix_s", c.sensors.start_unix_s);
+  visit("vehicle", "mark_x_m", v.mark[0]);
+  visit("vehicle", "mark_y_m", v.mark[1]);
+  visit("sensors", "encounters", c.sensors.encounters);
   visit("sensors", "fix_lever_x_m", c.sensors.fix_lever_x_m);
   visit("sensors", "fix_lever_y_m", c.sensors.fix_lever_y_m);
 }
@@ -332,6 +338,8 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
   demand(c.dds.max_queued_messages >= 1, "dds", "max_queued_messages", "be 1 or more");
   above_zero(c.sensors.rate, "sensors", "rate");
+  demand(v.mark.cwiseAbs().maxCoeff() <= 100.0, "vehicle", "mark_x_m", "lie in -100..100 m, as mark_y_m: it is on the vehicle");
+  demand(v.submaps.encounter_period_s >= 0.0, "map", "encounter_period_s", "be >= 0");
   demand(std::abs(c.sensors.fix_lever_x_m) <= 100.0, "sensors", "fix_lever_x_m",
          "lie in -100..100 m: the antenna is on the vehicle");
   demand(std::abs(c.sensors.fix_lever_y_m) <= 100.0, "sensors", "fix_lever_y_m",

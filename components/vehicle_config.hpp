@@ -24,11 +24,13 @@ namespace convoy {
 
 /// Where the sensor readings of a vehicle come from: a log, replayed on the clock.
 struct SensorLogConfig {
-  /// t_s,kind,a,b,c by time, kind: odometry (v_m_s, omega_rad_s, empty), sighting (track, range_m, bearing_rad) or fix
-  /// (east_m, north_m, sigma_m: of an antenna, by GPS or the like)
+  /// t_s,kind,a,b,c by time, kind: odometry (v_m_s, omega_rad_s, empty), sighting (track, range_m, bearing_rad), fix
+  /// (east_m, north_m, sigma_m: of an antenna, by GPS or the like) or encounter (vehicle, range_m, bearing_rad: of another
+  /// vehicle's mark, as exact as a sighting)
   std::filesystem::path file;
   double rate = 1.0;            ///< replay speed, > 0; 1 is real time
   double start_unix_s = 0.0;    ///< wall time of t_s = 0; 0: when the process starts
+  bool encounters = true;       ///< false: encounter rows are passed over
   double fix_lever_x_m = 0.0;   ///< the antenna, ahead of the origin of the body frame [m]
   double fix_lever_y_m = 0.0;   ///< and to its left [m]
 };

@@ -36,9 +36,12 @@ typename G::Covariance slack_covariance(const G& motion, double length_m, const 
 }
 
 template <class G>
-Increment<G> slack_increment(const ChainState<G>& a, const ChainState<G>& b, const DriftSlack& slack) {
+Increment<G> slack_increment(const ChainState<G>& a, const ChainState<G>& b, const PersistentDrift& persistent,
+                             const DriftSlack& slack) {
   Increment<G> drift = increment(a, b);
   drift.covariance += slack_covariance(drift.motion, b.abscissa_m - a.abscissa_m, slack);
+  const Eigen::Vector2d sigma(persistent.scale, persistent.heading_rad_per_m);
+  drift.covariance += drift.constants * sigma.cwiseAbs2().asDiagonal() * drift.constants.transpose();
   return drift;
 }
 
@@ -46,7 +49,7 @@ Increment<G> slack_increment(const ChainState<G>& a, const ChainState<G>& b, con
 template <class G>
 RelativePrior<G> absolute_prior(const FactStore<G>& store, const Key& anchor, const DriftSlack& slack) {
   const PriorFact<G>& prior = *store.prior(anchor.chain);
-  const Increment<G> drift = slack_increment({}, store.anchor(anchor)->state, slack);
+  const Increment<G> drift = slack_increment({}, store.anchor(anchor)->state, prior.persistent, slack);
   const typename G::Adjoint Ad = drift.motion.inverse().adjoint();
   return {prior.mean * drift.motion, Ad * prior.covariance * Ad.transpose() + drift.covariance};
 }
@@ -67,8 +70,9 @@ std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const 
                                                const DriftSlack& slack) {
   if (a.chain == b.chain) {
     const bool forward = a.index <= b.index;
-    const Increment<G> drift =
-        slack_increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state, slack);
+    const PriorFact<G>* prior = store.prior(a.chain);
+    const Increment<G> drift = slack_increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state,
+                                               prior != nullptr ? prior->persistent : PersistentDrift{}, slack);
     if (forward) return RelativePrior<G>{drift.motion, drift.covariance};
     const typename G::Adjoint Ad = drift.motion.adjoint();  // (U Exp(e))^-1 = U^-1 Exp(-Ad_U e)
     return RelativePrior<G>{drift.motion.inverse(), Ad * drift.covariance * Ad.transpose()};

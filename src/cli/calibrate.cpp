@@ -311,8 +311,9 @@ class Calibrator {
     result_.fit = fit_variances(groups_);
     const PartEstimate& gamma = result_.fit[VariancePart::gamma];
     const bool safe = gamma.known && gamma.low <= 1.0 && 1.0 <= gamma.high;
-    result_.given = safe ? fit_variances(groups_, {.hold_gamma = true}) : result_.fit;
     result_.with_constants = fit_variances(groups_, {.constants = true});
+    const bool constants = result_.constants_found();
+    result_.given = safe || constants ? fit_variances(groups_, {.constants = constants, .hold_gamma = safe}) : result_.fit;
     result_.lag1 = lag1_correlation(groups_, result_.fit.theta());
     return std::move(result_);
   }
@@ -417,6 +418,10 @@ std::string drift_fragment(const CalibrationResult& r) {
   text += "<drift gamma=\"" + number(std::max(1e-3, safe_value(r.given[VariancePart::gamma]))) +
           "\" rate_x_m2_per_m=\"" + xy + "\" rate_y_m2_per_m=\"" + xy + "\" rate_theta_rad2_per_m=\"" +
           number(safe_value(r.given[VariancePart::rotation])) + "\"";
+  if (r.constants_found()) {
+    const auto sigma = [&](VariancePart part) { return number(std::min(1.0, std::sqrt(safe_value(r.given[part])))); };
+    text += " scale_sigma=\"" + sigma(VariancePart::scale) + "\" heading_sigma_rad_per_m=\"" + sigma(VariancePart::heading) + "\"";
+  }
   if (r.landmark_inflation.known)
     text += " landmark_inflation=\"" + number(std::max(1.0, r.landmark_inflation.value)) + "\"";
   return text + "/>\n";
@@ -444,7 +449,8 @@ std::string calibration_text(const CalibrationResult& r) {
        short_number(r.fit.chi2 / r.fit.residuals) + (r.fit.converged ? "" : "  (did not converge)"));
   const double gain = std::max(0.0, 2.0 * (r.with_constants.log_likelihood - r.fit.log_likelihood));
   line("constants (kappa, g) explain",
-       "2 dlogL = " + short_number(gain) + (gain > 5.99 ? ": they are there" : ": nothing that chance would not"));
+       "2 dlogL = " + short_number(gain) +
+           (r.constants_found() ? ": they are there, and the element states them" : ": nothing that chance would not"));
   for (const CalibratedDrive& d : r.drives) {
     const ConstantsEstimate& c = r.with_constants.constants[d.constants_group][d.constants_chain];
     line("  " + d.run + " vehicle " + std::to_string(d.vehicle),

@@ -36,9 +36,11 @@ struct CalibrationResult {
   std::size_t closures = 0;  ///< used as evidence, without truth
   VarianceFit fit;           ///< without constants
   /// What a vehicle is to be given: as `fit`, but gamma = 1, the safe default, as long as the interval of gamma holds 1
-  /// (SLAM and unknown drift grow alike, so that few drives can only tell their sum).
+  /// (SLAM and unknown drift grow alike, so that few drives can only tell their sum), and with the constants if they are there.
   VarianceFit given;
   VarianceFit with_constants;
+  /// The constants explain what chance would in one case of twenty only.
+  bool constants_found() const { return 2.0 * (with_constants.log_likelihood - fit.log_likelihood) > 5.99; }
   std::optional<Lag1> lag1;           ///< of the drift, whitened by `fit`
   PartEstimate landmark_inflation;    ///< unknown if the runs hold no loadings of landmarks, or no association
   std::vector<std::string> left_out;  ///< what was not used, and why

@@ -216,6 +216,7 @@ class Demo {
       c.impairment = impairment_;
       c.impairment.seed += log.id;
       c.sensors.file = "sensors.csv";
+      c.sensors.encounters = options_.encounters;
       c.sensors.rate = options_.rate;
       c.sensors.start_unix_s = start_unix_s_;
       scenario_.name == "mrclam" ? tune_for_mrclam(c) : tune_for_street(c);

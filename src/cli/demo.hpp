@@ -19,6 +19,7 @@ struct DemoOptions {
   double rate = 10.0;                    ///< vehicle seconds per second, > 0
   std::string impair;                    ///< Impairment::parse; on what every vehicle receives
   bool literal = false;                  ///< the paper's own method: literal drift, EKF map, Fig. 5 search
+  bool encounters = false;               ///< vehicles that see each other say so (the paper's do not)
   bool restart_lost = false;             ///< start a vehicle whose process died again, once
   double settle_timeout_s = 60.0;        ///< wall time the fleet gets to agree after its sensors have ended
   std::optional<std::uint32_t> domain;   ///< DDS domain; default: by process id, one where no other fleet is heard

@@ -34,6 +34,7 @@ int main(int argc, char** argv) {
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")->check(CLI::Range(0.01, 1000.0));
   demo_command->add_option("--impair", demo.impair, "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
+  demo_command->add_flag("--encounters", demo.encounters, "use what the vehicles see of each other (mrclam), beside landmarks");
   demo_command->add_flag("--restart-lost", demo.restart_lost, "start a vehicle whose process died again, once");
   demo_command->add_option("--settle-timeout", demo.settle_timeout_s, "seconds to agree after the sensors end (default: 60)");
   demo_command->add_option("--domain", demo.domain, "DDS domain 0..232 (default: a free one)")->check(CLI::Range(0, 232));

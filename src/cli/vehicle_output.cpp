@@ -70,6 +70,20 @@ json absolute_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) {
   return out;
 }
 
+// Encounters held: whether the other vehicle has answered, and which are used.
+json encounters_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) {
+  std::set<Key> answered, used;
+  for (const auto& f : global.map->problem().encounters) used.insert(f.encounter);
+  for (const auto& [id, chain] : store.chains())
+    for (const auto& [index, waypoint] : chain.waypoints) answered.insert(waypoint.encounter);
+  json out = json::array();
+  for (const auto& [id, chain] : store.chains())
+    for (const auto& [index, e] : chain.encounters)
+      out.push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"stamp_s", e.state.stamp_s},
+                     {"other", e.other}, {"answered", answered.count(e.key) > 0}, {"used", used.count(e.key) > 0}});
+  return out;
+}
+
 json map_json(const SubmapManager<SE2>& manager) {
   const FactStore<SE2>& store = manager.store();
   const GlobalMap<SE2>& global = manager.map();
@@ -82,12 +96,17 @@ json map_json(const SubmapManager<SE2>& manager) {
                   {"dof", report.dof}, {"nodes", global.map->problem().nodes.size()},
                   {"classes", global.selection.classes.size()}};
   out["absolute"] = absolute_json(store, global);
+  out["encounters"] = encounters_json(store, global);
   std::map<Key, int> class_of;
   for (std::size_t c = 0; c < global.selection.classes.size(); ++c)
     for (const Key& key : global.selection.classes[c]) class_of[key] = static_cast<int>(c);
   out["chains"] = out["anchors"] = out["landmarks"] = out["associations"] = json::array();
   for (const auto& [id, chain] : store.chains()) {
     out["chains"].push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"aligned", global.map->aligned(id)}});
+    if (const auto learnt = global.map->constants(id))
+      out["chains"].back()["constants"] = {{"scale", learnt->mean[0]}, {"scale_sigma", learnt->sigma[0]},
+                                           {"heading_rad_per_m", learnt->mean[1]},
+                                           {"heading_sigma_rad_per_m", learnt->sigma[1]}};
     for (const auto& [index, anchor] : chain.anchors) {
       json entry = {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"stamp_s", anchor.state.stamp_s},
                     {"abscissa_m", anchor.state.abscissa_m}, {"slam", pose_of(anchor.state.pose)},
@@ -135,6 +154,11 @@ json map_json(const SubmapManager<SE2>& manager) {
   return out;
 }
 
+template <class Vector>
+std::vector<double> vector_of(const Vector& v) {
+  return {v.data(), v.data() + v.size()};
+}
+
 std::string facts_lines(const FactStore<SE2>& store) {
   std::string text;
   const auto line = [&](const char* kind, const Key& key, json fact) {
@@ -145,10 +169,12 @@ std::string facts_lines(const FactStore<SE2>& store) {
   const auto key_of = [](const Key& key) { return json{key.chain.vehicle, key.chain.epoch, key.index}; };
   for (const auto& [id, chain] : store.chains()) {
     for (const auto& [i, f] : chain.priors)
-      line("prior", f.key, {{"known", f.known}, {"mean", pose_of(f.mean)}, {"covariance", upper(f.covariance)}});
+      line("prior", f.key, {{"known", f.known}, {"mean", pose_of(f.mean)}, {"covariance", upper(f.covariance)},
+                            {"scale_sigma", f.persistent.scale}, {"heading_sigma_rad_per_m", f.persistent.heading_rad_per_m}});
     for (const auto& [i, f] : chain.anchors)
       line("anchor", f.key, {{"stamp_s", f.state.stamp_s}, {"abscissa_m", f.state.abscissa_m}, {"slam", pose_of(f.state.pose)},
-                             {"drift", upper(f.state.drift)}, {"first_landmark", f.first_landmark},
+                             {"drift", upper(f.state.drift)}, {"heading_lever", vector_of(f.state.heading_lever)},
+                             {"first_landmark", f.first_landmark},
                              {"landmark_count", f.landmark_count}});
     for (const auto& [i, f] : chain.landmarks)
       line("landmark", f.key, {{"anchor", f.anchor}, {"position", {f.position.x(), f.position.y()}},
@@ -162,8 +188,19 @@ std::string facts_lines(const FactStore<SE2>& store) {
     for (const auto& [i, f] : chain.absolute_fixes)
       line("absolute_fix", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
                                    {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
+                                   {"heading_lever", vector_of(f.state.heading_lever)},
                                    {"lever", {f.lever.x(), f.lever.y()}},
                                    {"position", {f.position.x(), f.position.y()}}, {"covariance", upper(f.covariance)}});
+    for (const auto& [i, f] : chain.encounters)
+      line("encounter", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
+                                {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
+                                {"heading_lever", vector_of(f.state.heading_lever)}, {"other", f.other},
+                                {"position", vector_of(f.position)}, {"covariance", upper(f.covariance)}});
+    for (const auto& [i, f] : chain.waypoints)
+      line("waypoint", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
+                               {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
+                               {"heading_lever", vector_of(f.state.heading_lever)}, {"encounter", key_of(f.encounter)},
+                               {"mark", vector_of(f.mark)}});
     for (const auto& [i, f] : chain.verdicts)
       line("verdict", f.key, {{"hypothesis", hex(f.hypothesis)}, {"veto", f.veto}});
   }
@@ -176,6 +213,8 @@ json counters_json(const VehicleSnapshot<SE2>& s) {
   c["facts_received"] = s.submaps.facts_received;
   c["facts_unfit"] = s.submaps.facts_unfit;
   c["fixes_thinned"] = s.submaps.fixes_thinned;
+  c["encounters_thinned"] = s.submaps.encounters_thinned;
+  c["encounters_unanswered"] = s.encounters_unanswered;
   c["live_unfit"] = s.submaps.live_unfit;
   c["unknown_senders"] = s.submaps.unknown_senders;
   c["facts_impersonated"] = s.submaps.facts_impersonated;

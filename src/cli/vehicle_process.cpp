@@ -27,8 +27,11 @@ double unix_now_s() {
 // Replays a sensor log on the clock.
 class LogReplay {
  public:
-  LogReplay(const std::vector<SensorEvent>& events, const Eigen::Vector2d& antenna, double from_s)
-      : events_(events), antenna_(antenna) {
+  LogReplay(const std::vector<SensorEvent>& events, const VehicleConfig& config, double from_s)
+      : events_(events),
+        antenna_(config.sensors.fix_lever_x_m, config.sensors.fix_lever_y_m),
+        camera_(config.front_end),
+        encounters_(config.sensors.encounters) {
     while (next_ < events_.size() && events_[next_].t_s < from_s) ++next_;  // a late starter missed these
     if (next_ > 0) spdlog::info("starting {:.1f} s into the sensor log: {} readings are past", from_s, next_);
   }
@@ -37,11 +40,13 @@ class LogReplay {
   void feed_until(double t_s, Vehicle<SE2>& vehicle, RangeBearingEkf& slam) {
     for (; next_ < events_.size() && events_[next_].t_s <= t_s; ++next_) {
       const SensorEvent& e = events_[next_];
+      if (e.kind == SensorEvent::Kind::encounter && !encounters_) continue;
       vehicle.feed([&] {
         if (e.kind == SensorEvent::Kind::odometry) slam.on_odometry(e.t_s, e.v_m_s, e.omega_rad_s);
         else if (e.kind == SensorEvent::Kind::sighting) slam.on_sighting(e.t_s, e.track, e.range_m, e.bearing_rad);
         else slam.on_time(e.t_s);
       });
+      if (e.kind == SensorEvent::Kind::encounter) feed_encounter(e, vehicle);
       if (e.kind == SensorEvent::Kind::fix)  // one that is not fit to be a fact is counted there
         (void)vehicle.feed_absolute_fix(antenna_, {e.east_m, e.north_m}, square(e.sigma_m) * Eigen::Matrix2d::Identity());
     }
@@ -54,8 +59,19 @@ class LogReplay {
  private:
   static double square(double x) { return x * x; }
 
+  // As exact as the sighting of a landmark.
+  void feed_encounter(const SensorEvent& e, Vehicle<SE2>& vehicle) const {
+    const Eigen::Vector2d ahead(std::cos(e.bearing_rad), std::sin(e.bearing_rad)), left(-ahead.y(), ahead.x());
+    const double along = square(camera_.sigma_range_m + camera_.sigma_range_share * e.range_m);
+    const double across = square(camera_.sigma_bearing_rad * e.range_m);
+    (void)vehicle.feed_encounter(e.track, e.range_m * ahead,
+                                 along * ahead * ahead.transpose() + across * left * left.transpose());
+  }
+
   const std::vector<SensorEvent>& events_;
   Eigen::Vector2d antenna_;  // body frame [m]
+  RangeBearingEkfParams camera_;
+  bool encounters_;
   std::size_t next_ = 0;
   bool finished_ = false;
 };
@@ -107,8 +123,7 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
       }
   };
 
-  LogReplay replay(events, {config.sensors.fix_lever_x_m, config.sensors.fix_lever_y_m},
-                   starts_now ? events.front().t_s : clock());
+  LogReplay replay(events, config, starts_now ? events.front().t_s : clock());
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
   while (!stop_requested && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
     const double now_s = clock();

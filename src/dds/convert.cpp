@@ -72,6 +72,18 @@ WireStatus from_wire_vector(const std::vector<double>& in, Point& point) {
   return point.allFinite() ? WireStatus::ok : WireStatus::not_finite;
 }
 
+/// Nothing stands for zero.
+template <class Vector>
+std::vector<double> to_wire_unless_zero(const Vector& v) {
+  return v.isZero(0.0) ? std::vector<double>() : std::vector<double>(v.data(), v.data() + v.size());
+}
+
+template <class Vector>
+WireStatus from_wire_vector_or_zero(const std::vector<double>& in, Vector& v) {
+  v.setZero();
+  return in.empty() ? WireStatus::ok : from_wire_vector(in, v);
+}
+
 v1::Chain wire_chain(const ChainId& chain) {
   v1::Chain out;
   out.epoch(chain.epoch);
@@ -121,6 +133,7 @@ WireStatus to_wire_state(const ChainState<G>& state, v1::ChainState& out) {
   out.stamp_s(state.stamp_s);
   out.abscissa_m(state.abscissa_m);
   out.pose(coordinates(state.pose));
+  out.heading_lever(to_wire_unless_zero(state.heading_lever));
   return pack(state.drift, out.drift());
 }
 
@@ -129,11 +142,14 @@ WireStatus from_wire_state(const v1::ChainState& in, ChainState<G>& state) {
   if (!std::isfinite(in.stamp_s()) || !std::isfinite(in.abscissa_m())) return WireStatus::not_finite;
   state.stamp_s = in.stamp_s();
   state.abscissa_m = in.abscissa_m();
-  return first_refusal(from_coordinates(in.pose(), state.pose), unpack(in.drift(), state.drift));
+  return first_refusal(from_coordinates(in.pose(), state.pose), unpack(in.drift(), state.drift),
+                       from_wire_vector_or_zero(in.heading_lever(), state.heading_lever));
 }
 
 // The core's enums and the wire's have the same numbers.
 static_assert(v1::KIND_ABSOLUTE_FIX == static_cast<std::uint32_t>(FactKind::absolute_fix));
+static_assert(v1::KIND_ENCOUNTER == static_cast<std::uint32_t>(FactKind::encounter));
+static_assert(v1::KIND_WAYPOINT == static_cast<std::uint32_t>(FactKind::waypoint));
 static_assert(fact_kind_count == static_cast<int>(bounds::kinds));
 static_assert(v1::INTEGRITY_SUSPECT == static_cast<std::uint32_t>(Integrity::suspect));
 static_assert(v1::DESCRIPTOR_PATCH_8X8_4BIT == static_cast<std::uint32_t>(Descriptor::Kind::patch_8x8_4bit));
@@ -303,6 +319,12 @@ WireStatus to_wire(const ChainId& sender, const PriorFact<G>& fact, v1::Prior& s
   sample.dimension(G::Dim);
   sample.known(fact.known);
   sample.mean(coordinates(fact.mean));
+  sample.scale_sigma(fact.persistent.scale);
+  sample.heading_sigma(fact.persistent.heading_rad_per_m);
+  sample.tilt_sigma(fact.persistent.tilt_rad);
+  sample.height_sigma(fact.persistent.height_m);
+  sample.correlation(fact.persistent.correlation_m);
+  sample.up(to_wire_unless_zero(fact.persistent.up));
   return pack(fact.covariance, sample.covariance());
 }
 
@@ -313,8 +335,12 @@ WireStatus from_wire(const v1::Prior& sample, Message<G>& message) {
   PriorFact<G> fact;
   fact.key = {author(sample), sample.index()};
   fact.known = sample.known();
+  PersistentDrift& p = fact.persistent;
+  p = {sample.scale_sigma(), sample.heading_sigma(), sample.tilt_sigma(), sample.height_sigma(), sample.correlation()};
+  const bool finite = all_finite({p.scale, p.heading_rad_per_m, p.tilt_rad, p.height_m, p.correlation_m});
   const WireStatus content =
-      first_refusal(from_coordinates(sample.mean(), fact.mean), unpack(sample.covariance(), fact.covariance));
+      first_refusal(from_coordinates(sample.mean(), fact.mean), unpack(sample.covariance(), fact.covariance),
+                    finite ? WireStatus::ok : WireStatus::not_finite, from_wire_vector_or_zero(sample.up(), p.up));
   message = {core_chain(sample.sender()), std::move(fact)};
   return content;
 }
@@ -402,6 +428,60 @@ WireStatus from_wire(const v1::AbsoluteFix& sample, Message<G>& message) {
   const WireStatus content =
       first_refusal(from_wire_state(sample.state(), fact.state), from_wire_vector(sample.lever(), fact.lever),
                     from_wire_vector(sample.position(), fact.position), unpack(sample.covariance(), fact.covariance));
+  message = {core_chain(sample.sender()), std::move(fact)};
+  return content;
+}
+
+// ---- encounters ------------------------------------------------------------------------------------------------
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, const EncounterFact<G>& fact, v1::Encounter& sample) {
+  set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
+  sample.anchor(fact.anchor);
+  sample.other(fact.other);
+  sample.position().assign(fact.position.data(), fact.position.data() + fact.position.size());
+  return first_refusal(to_wire_state(fact.state, sample.state()), pack(fact.covariance, sample.covariance()));
+}
+
+template <class G>
+WireStatus from_wire(const v1::Encounter& sample, Message<G>& message) {
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  EncounterFact<G> fact;
+  fact.key = {author(sample), sample.index()};
+  fact.anchor = sample.anchor();
+  fact.other = sample.other();
+  const WireStatus content = first_refusal(fact.other != 0 ? WireStatus::ok : WireStatus::out_of_range,
+                                           from_wire_state(sample.state(), fact.state),
+                                           from_wire_vector(sample.position(), fact.position),
+                                           unpack(sample.covariance(), fact.covariance));
+  message = {core_chain(sample.sender()), std::move(fact)};
+  return content;
+}
+
+template <class G>
+WireStatus to_wire(const ChainId& sender, const WaypointFact<G>& fact, v1::Waypoint& sample) {
+  set_key(sender, fact.key, sample);
+  sample.dimension(G::Dim);
+  sample.anchor(fact.anchor);
+  sample.observer(wire_chain(fact.encounter.chain));
+  sample.encounter(fact.encounter.index);
+  sample.mark().assign(fact.mark.data(), fact.mark.data() + fact.mark.size());
+  return to_wire_state(fact.state, sample.state());
+}
+
+template <class G>
+WireStatus from_wire(const v1::Waypoint& sample, Message<G>& message) {
+  const WireStatus status = first_refusal(check_names(sample), check_dimension<G>(sample));
+  if (status != WireStatus::ok) return status;
+  WaypointFact<G> fact;
+  fact.key = {author(sample), sample.index()};
+  fact.anchor = sample.anchor();
+  fact.encounter = {core_chain(sample.observer()), sample.encounter()};
+  const bool answers_somebody = fact.encounter.chain.vehicle != 0;
+  const WireStatus content = first_refusal(answers_somebody ? WireStatus::ok : WireStatus::out_of_range,
+                                           from_wire_state(sample.state(), fact.state), from_wire_vector(sample.mark(), fact.mark));
   message = {core_chain(sample.sender()), std::move(fact)};
   return content;
 }
@@ -571,6 +651,8 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&);  \
   template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                  \
   template WireStatus to_wire<G>(const ChainId&, const AbsoluteFixFact<G>&, v1::AbsoluteFix&);      \
+  template WireStatus to_wire<G>(const ChainId&, const EncounterFact<G>&, v1::Encounter&);          \
+  template WireStatus to_wire<G>(const ChainId&, const WaypointFact<G>&, v1::Waypoint&);            \
   template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                    \
   template WireStatus to_wire<G>(const ChainId&, const AssociationFact&, v1::Association&);           \
   template WireStatus to_wire<G>(const ChainId&, const VerdictFact&, v1::Verdict&);                   \
@@ -582,6 +664,8 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   template WireStatus from_wire<G>(const v1::Association&, Message<G>&);                            \
   template WireStatus from_wire<G>(const v1::Verdict&, Message<G>&);                                \
   template WireStatus from_wire<G>(const v1::AbsoluteFix&, Message<G>&);                            \
+  template WireStatus from_wire<G>(const v1::Encounter&, Message<G>&);                              \
+  template WireStatus from_wire<G>(const v1::Waypoint&, Message<G>&);                               \
   template WireStatus from_wire<G>(const v1::Pose&, Message<G>&);                                   \
   template WireStatus from_wire<G>(const v1::Request&, Message<G>&);                                \
   template WireStatus from_wire<G>(const v1::Digest&, Message<G>&);                                 \

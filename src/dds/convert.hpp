@@ -35,6 +35,10 @@ template <class G>
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const AbsoluteFixFact<G>& fact, v1::AbsoluteFix& sample);
 template <class G>
+[[nodiscard]] WireStatus to_wire(const ChainId& sender, const EncounterFact<G>& fact, v1::Encounter& sample);
+template <class G>
+[[nodiscard]] WireStatus to_wire(const ChainId& sender, const WaypointFact<G>& fact, v1::Waypoint& sample);
+template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const LivePose<G>& pose, v1::Pose& sample);
 /// What follows says nothing of the group; name that of the fleet: to_wire<G>(...).
 template <class G>
@@ -60,6 +64,10 @@ template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Verdict& sample, Message<G>& message);
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::AbsoluteFix& sample, Message<G>& message);
+template <class G>
+[[nodiscard]] WireStatus from_wire(const v1::Encounter& sample, Message<G>& message);
+template <class G>
+[[nodiscard]] WireStatus from_wire(const v1::Waypoint& sample, Message<G>& message);
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Pose& sample, Message<G>& message);
 template <class G>

@@ -363,7 +363,7 @@ class Entities {
   edds::DomainParticipant* own_ = nullptr;
 };
 
-constexpr int endpoints_per_exchange = 18;  // a writer and a reader for each of nine topics
+constexpr int endpoints_per_exchange = 22;  // a writer and a reader for each of eleven topics
 
 }  // namespace
 
@@ -380,6 +380,8 @@ struct DdsExchange<G>::Impl {
   bool write(const ChainId& sender, const AssociationFact& fact) { return convert_and_write(association, sender, fact); }
   bool write(const ChainId& sender, const VerdictFact& fact) { return convert_and_write(verdict, sender, fact); }
   bool write(const ChainId& sender, const AbsoluteFixFact<G>& fact) { return convert_and_write(absolute_fix, sender, fact); }
+  bool write(const ChainId& sender, const EncounterFact<G>& fact) { return convert_and_write(encounter, sender, fact); }
+  bool write(const ChainId& sender, const WaypointFact<G>& fact) { return convert_and_write(waypoint, sender, fact); }
   bool write(const ChainId& sender, const LivePose<G>& live) { return convert_and_write(pose, sender, live); }
   bool write(const ChainId& sender, const Request& asked) { return convert_and_write(request, sender, asked); }
   bool write(const ChainId& sender, const Digest& known) { return convert_and_write(digest, sender, known); }
@@ -417,6 +419,8 @@ struct DdsExchange<G>::Impl {
   Channel<G, v1::AssociationPubSubType> association{entities.domain(), "convoy/v1/Association", inbox, peers};
   Channel<G, v1::VerdictPubSubType> verdict{entities.domain(), "convoy/v1/Verdict", inbox, peers};
   Channel<G, v1::AbsoluteFixPubSubType> absolute_fix{entities.domain(), "convoy/v1/AbsoluteFix", inbox, peers};
+  Channel<G, v1::EncounterPubSubType> encounter{entities.domain(), "convoy/v1/Encounter", inbox, peers};
+  Channel<G, v1::WaypointPubSubType> waypoint{entities.domain(), "convoy/v1/Waypoint", inbox, peers};
   Channel<G, v1::PosePubSubType> pose{entities.domain(), "convoy/v1/Pose", inbox, peers};
   Channel<G, v1::RequestPubSubType> request{entities.domain(), "convoy/v1/Request", inbox, peers};
   Channel<G, v1::DigestPubSubType> digest{entities.domain(), "convoy/v1/Digest", inbox, peers};

@@ -7,6 +7,7 @@ namespace convoy::dds::bounds {
 
 inline constexpr std::uint32_t group = 7;              // coordinates of a group element
 inline constexpr std::uint32_t group_covariance = 21;  // packed
+inline constexpr std::uint32_t tangent = 6;
 inline constexpr std::uint32_t point = 3;
 inline constexpr std::uint32_t point_covariance = 6;   // packed
 inline constexpr std::uint32_t loading = 24;
@@ -18,6 +19,6 @@ inline constexpr std::uint32_t remembered = 8;
 inline constexpr std::uint32_t remembered_points = 72;
 inline constexpr std::uint32_t ranges = 64;
 inline constexpr std::uint32_t chains = 256;
-inline constexpr std::uint32_t kinds = 6;
+inline constexpr std::uint32_t kinds = 8;
 
 }  // namespace convoy::dds::bounds

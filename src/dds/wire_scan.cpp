@@ -24,6 +24,7 @@ void scan_state(WireScan& wire) {
   wire.skip(8, 2);
   wire.sequence(8, bounds::group);
   wire.sequence(8, bounds::group_covariance);
+  wire.sequence(8, bounds::tangent);
 }
 
 }  // namespace
@@ -116,6 +117,8 @@ void scan(WireScan& wire, const v1::Prior*) {
   wire.skip(1, 2);
   wire.sequence(8, bounds::group);
   wire.sequence(8, bounds::group_covariance);
+  wire.skip(8, 5);
+  wire.sequence(8, bounds::point);
 }
 
 void scan(WireScan& wire, const v1::Association*) {
@@ -149,6 +152,30 @@ void scan(WireScan& wire, const v1::AbsoluteFix*) {
   wire.sequence(8, bounds::point);
   wire.sequence(8, bounds::point);
   wire.sequence(8, bounds::point_covariance);
+}
+
+void scan(WireScan& wire, const v1::Encounter*) {
+  scan_chain(wire);
+  scan_author(wire);
+  wire.skip(4);
+  wire.skip(1);
+  wire.skip(4);
+  scan_state(wire);
+  wire.skip(4);
+  wire.sequence(8, bounds::point);
+  wire.sequence(8, bounds::point_covariance);
+}
+
+void scan(WireScan& wire, const v1::Waypoint*) {
+  scan_chain(wire);
+  scan_author(wire);
+  wire.skip(4);
+  wire.skip(1);
+  wire.skip(4);
+  scan_state(wire);
+  scan_chain(wire);
+  wire.skip(4);
+  wire.sequence(8, bounds::point);
 }
 
 void scan(WireScan& wire, const v1::Pose*) {

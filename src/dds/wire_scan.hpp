@@ -48,6 +48,8 @@ void scan(WireScan& wire, const v1::Prior*);
 void scan(WireScan& wire, const v1::Association*);
 void scan(WireScan& wire, const v1::Verdict*);
 void scan(WireScan& wire, const v1::AbsoluteFix*);
+void scan(WireScan& wire, const v1::Encounter*);
+void scan(WireScan& wire, const v1::Waypoint*);
 void scan(WireScan& wire, const v1::Pose*);
 void scan(WireScan& wire, const v1::Request*);
 void scan(WireScan& wire, const v1::Digest*);

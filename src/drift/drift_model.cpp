@@ -16,6 +16,24 @@ typename G::Tangent DriftParams<G>::default_rate() {
   return rate;
 }
 
+namespace {
+
+void validate(const PersistentDrift& p, int dim, DriftModel model) {
+  const auto within = [](double value, double low, double high) { return value >= low && value <= high; };
+  if (!within(p.scale, 0.0, 1.0)) throw ConfigError("drift: scale_sigma must lie in 0..1; 0.01 is one per cent");
+  if (!within(p.heading_rad_per_m, 0.0, 1.0)) throw ConfigError("drift: heading_sigma_rad_per_m must lie in 0..1 rad/m");
+  if (!within(p.tilt_rad, 0.0, 1.0) || !within(p.height_m, 0.0, 1e4) || !within(p.correlation_m, 0.0, 1e6))
+    throw ConfigError("drift: bounded components need 0 <= tilt_sigma_rad <= 1, 0 <= height_sigma_m <= 1e4 and "
+                      "0 <= correlation_m <= 1e6");
+  if (p.bounded() && dim == 2) throw ConfigError("drift: tilt and height are bounded in space only; a plane has neither");
+  if (p.bounded() != (p.correlation_m > 0.0))
+    throw ConfigError("drift: bounded components need correlation_m > 0, and only they do");
+  if (model == DriftModel::literal && (p.bounded() || p.constant()))
+    throw ConfigError("drift: the literal model knows no constants and no bounded components; leave them 0");
+}
+
+}  // namespace
+
 template <class G>
 void validate(const DriftParams<G>& p) {
   if (!(p.gamma > 0.0)) throw ConfigError("drift: gamma must be > 0; 1 is the safe default");
@@ -28,6 +46,7 @@ void validate(const DriftParams<G>& p) {
   const double yaw = p.rate[G::Dof - 1];
   if (p.model == DriftModel::literal && (tilt.array() != 0.0).any() && (tilt.array() != yaw).any())
     throw ConfigError("drift: the literal model needs equal rates of rotation, or none but about z");
+  validate(p.persistent, G::Dim, p.model);
 }
 
 template <class G>
@@ -43,6 +62,7 @@ ChainState<G> DriftAccumulator<G>::advance(double stamp_s, double abscissa_m, co
     unknown_ += Ad * step * Ad.transpose();
     state_.drift = symmetrised(params_.gamma * slam_drift + unknown_);
   }
+  if (params_.persistent.heading_rad_per_m > 0.0) state_.heading_lever += ds * pose.adjoint().col(G::Dof - 1);
   state_.stamp_s = stamp_s;
   state_.abscissa_m = abscissa_m;
   state_.pose = pose;
@@ -58,7 +78,11 @@ Increment<G> increment(const ChainState<G>& a, const ChainState<G>& b) {
   // Between anchors a SLAM may regain information, so that C_b - C_a is indefinite: nothing less than zero is meant.
   typename G::Covariance Q = positive_part(typename G::Covariance(Ad * (b.drift - a.drift) * Ad.transpose()));
   Q.diagonal() += floor;
-  return {a.pose.inverse() * b.pose, Q};
+  const G motion = a.pose.inverse() * b.pose;
+  Eigen::Matrix<double, G::Dof, 2> constants = Eigen::Matrix<double, G::Dof, 2>::Zero();
+  constants.template topLeftCorner<G::Dim, 1>() = motion.rotation().transpose() * motion.translation();
+  constants.col(1) = Ad * (b.heading_lever - a.heading_lever);
+  return {motion, Q, constants};
 }
 
 #define CONVOY_INSTANTIATE(G)                    \

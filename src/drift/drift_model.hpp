@@ -29,6 +29,9 @@ struct DriftParams {
   typename G::Tangent rate = default_rate();
   /// Factor on the covariance of frozen landmarks, >= 1, for the correlations that independent facts neglect.
   double landmark_inflation = 2.0;
+  /// Errors that are no random walk: constants of the odometer, which the map then estimates (DESIGN B1.3, F5), and bounded
+  /// components. `up` is set by whoever hosts the SLAM. None with DriftModel::literal.
+  PersistentDrift persistent = {};
 
   static typename G::Tangent default_rate();
 };
@@ -58,6 +61,9 @@ template <class G>
 struct Increment {
   G motion;
   typename G::Covariance covariance;
+  /// A_ab of DESIGN B1.3: what one unit of (kappa, g) adds to the motion, right perturbation. The second column is zero if the
+  /// chain states no drift of its heading.
+  Eigen::Matrix<double, G::Dof, 2> constants = Eigen::Matrix<double, G::Dof, 2>::Zero();
 };
 
 /// a before b. The covariance is kept positive definite by a floor of (1e-5 m)^2 and (1e-6 rad)^2.

@@ -83,7 +83,7 @@ struct Digest {
 
 template <class G>
 using Payload = std::variant<AnchorFact<G>, LandmarkBatch<G>, PriorFact<G>, AssociationFact, VerdictFact,
-                             AbsoluteFixFact<G>, LivePose<G>, Request, Digest>;
+                             AbsoluteFixFact<G>, EncounterFact<G>, WaypointFact<G>, LivePose<G>, Request, Digest>;
 
 template <class G>
 struct Message {

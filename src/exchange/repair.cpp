@@ -46,6 +46,8 @@ void RepairProtocol<G>::on_request(const FactStore<G>& store, const Request& req
     case FactKind::association: return for_each_held(chain->second.associations, request.ranges, schedule);
     case FactKind::verdict: return for_each_held(chain->second.verdicts, request.ranges, schedule);
     case FactKind::absolute_fix: return for_each_held(chain->second.absolute_fixes, request.ranges, schedule);
+    case FactKind::encounter: return for_each_held(chain->second.encounters, request.ranges, schedule);
+    case FactKind::waypoint: return for_each_held(chain->second.waypoints, request.ranges, schedule);
   }
 }
 
@@ -111,6 +113,8 @@ void RepairProtocol<G>::answer(const FactStore<G>& store, double now_s, std::vec
       case FactKind::association: out.push_back(chain.associations.at(key.index)); break;
       case FactKind::verdict: out.push_back(chain.verdicts.at(key.index)); break;
       case FactKind::absolute_fix: out.push_back(chain.absolute_fixes.at(key.index)); break;
+      case FactKind::encounter: out.push_back(chain.encounters.at(key.index)); break;
+      case FactKind::waypoint: out.push_back(chain.waypoints.at(key.index)); break;
       case FactKind::landmark: {
         const auto& landmark = chain.landmarks.at(key.index);
         const auto& open = batch.landmarks;

@@ -75,24 +75,19 @@ class Filter {
     return innovation.dot(llt.solve(innovation));
   }
 
-  typename G::Covariance covariance(int a, int b) const {
-    return P_.template block<G::Dof, G::Dof>(node_at_[static_cast<std::size_t>(a)],
-                                             node_at_[static_cast<std::size_t>(b)]);
-  }
-  typename G::PointCovariance point_covariance(int p) const {
-    const Eigen::Index m = point_at_[static_cast<std::size_t>(p)];
-    return P_.template block<G::Dim, G::Dim>(m, m);
-  }
-  Eigen::MatrixXd joint_covariance(const std::vector<int>& of_nodes, const std::vector<int>& of_points) const {
-    std::vector<Eigen::Index> rows;
-    for (const int n : of_nodes)
-      for (int c = 0; c < G::Dof; ++c) rows.push_back(node_at_[static_cast<std::size_t>(n)] + c);
-    for (const int p : of_points)
-      for (int c = 0; c < G::Dim; ++c) rows.push_back(point_at_[static_cast<std::size_t>(p)] + c);
-    return P_(rows, rows);
-  }
+  Eigen::MatrixXd covariance(const std::vector<int>& a, const std::vector<int>& b) const { return P_(rows(a), rows(b)); }
 
  private:
+  std::vector<Eigen::Index> rows(const std::vector<int>& unknowns) const {
+    const int nodes = static_cast<int>(poses.size());
+    std::vector<Eigen::Index> rows;
+    for (const int u : unknowns) {
+      const Eigen::Index first = u < nodes ? node_at_[static_cast<std::size_t>(u)] : point_at_[static_cast<std::size_t>(u - nodes)];
+      for (Eigen::Index c = 0; c < (u < nodes ? G::Dof : G::Dim); ++c) rows.push_back(first + c);
+    }
+    return rows;
+  }
+
   Eigen::Index grow(Eigen::Index by) {
     const Eigen::Index n = P_.rows();
     P_.conservativeResizeLike(Eigen::MatrixXd::Zero(n + by, n + by));
@@ -107,11 +102,8 @@ template <class G>
 class FilterCovariance final : public CovarianceSource<G> {
  public:
   explicit FilterCovariance(Filter<G> filter) : filter_(std::move(filter)) {}
-  typename G::Covariance nodes(int a, int b) override { return filter_.covariance(a, b); }
-  typename G::PointCovariance point(int p) override { return filter_.point_covariance(p); }
-  Eigen::MatrixXd joint(const std::vector<int>& nodes, const std::vector<int>& points) override {
-    return filter_.joint_covariance(nodes, points);
-  }
+  Eigen::MatrixXd between(int a, int b) override { return filter_.covariance({a}, {b}); }
+  Eigen::MatrixXd joint(const std::vector<int>& unknowns) override { return filter_.covariance(unknowns, unknowns); }
 
  private:
   Filter<G> filter_;
@@ -159,7 +151,7 @@ std::unique_ptr<Map<G>> EkfMap<G>::solve(Problem<G> problem) const {
   }
   std::vector<G> poses = filter.poses;
   std::vector<typename G::Point> points = filter.points;
-  return std::make_unique<Map<G>>(std::move(problem), std::move(poses), std::move(points), report,
+  return std::make_unique<Map<G>>(std::move(problem), std::move(poses), std::move(points), std::vector<Constants<G>>(), report,
                                   std::make_unique<FilterCovariance<G>>(std::move(filter)));
 }
 

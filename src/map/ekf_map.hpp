@@ -12,7 +12,7 @@ template <class G>
 class EkfMap final : public Backend<G> {
  public:
   std::unique_ptr<Map<G>> solve(Problem<G> problem) const override;
-  bool takes_absolute_fixes() const override { return false; }  // the paper's filter knows none
+  bool takes_every_factor() const override { return false; }  // the paper's filter knows no others
 };
 
 }  // namespace convoy

@@ -215,11 +215,30 @@ bool same_problem(const Selection<G>& before, const Selection<G>& after, Hash dr
                     after.hypotheses.end(), same_state);
 }
 
+// The absolute fix or encounter that exceeds its gate by most, if by more than `at_least` times: true if there is one.
+template <class G>
+bool exclude_worst_measurement(Map<G>& map, double confidence, double at_least, Exclusions& excluded) {
+  double worst = std::max(1.0, at_least);
+  std::pair<std::set<Key>*, Key> found{nullptr, {}};
+  const auto weigh = [&](const auto& factor, const Key& key, std::set<Key>& set) {
+    const auto [chi2, dof] = map.contradiction(factor);
+    const double excess = dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0;
+    if (!(excess > worst)) return;
+    worst = excess;
+    found = {&set, key};
+  };
+  for (const auto& f : map.problem().fixes) weigh(f, f.fix, excluded.fixes);
+  for (const auto& f : map.problem().encounters) weigh(f, f.encounter, excluded.encounters);
+  if (found.first != nullptr) found.first->insert(found.second);
+  return found.first != nullptr;
+}
+
 }  // namespace
 
 template <class G>
 GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
   const double limit = chi2_quantile(params_.map_residual, G::Dof);
+  const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
   Exclusions excluded;
   GlobalMap<G> result;
   result.facts = store.digest();
@@ -227,12 +246,11 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
   std::vector<double> contradictions;
   while (true) {
     Selection<G> selection = selector_.select(store, excluded);
-    if (!backend_.takes_absolute_fixes()) selection.fixes.clear();
     const bool solved = dropped && same_problem(result.selection, selection, *dropped, result.map->problem());
     result.selection = std::move(selection);
     if (!solved) {
       result.map =
-          backend_.solve(build_problem(store, result.selection, params_.reference, params_.common_frame_is_enu));
+          backend_.solve(build_problem<G>(store, result.selection, options));
       contradictions = contradictions_of(*result.map, result.selection);
     }
     const Hypothesis<G>* worst = nullptr;
@@ -244,20 +262,7 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
       worst_contradiction = contradictions[k];
     }
     dropped.reset();
-    const AbsoluteFixFactor<G>* worst_fix = nullptr;
-    double worst_excess = std::max(1.0, worst_contradiction / limit);  // of the gate
-    for (const AbsoluteFixFactor<G>& f : result.map->problem().fixes) {
-      const auto [chi2, dof] = result.map->contradiction(f);
-      const double excess = dof > 0 ? chi2 / chi2_quantile(params_.fix_residual, dof) : 0.0;
-      if (excess > worst_excess) {
-        worst_fix = &f;
-        worst_excess = excess;
-      }
-    }
-    if (worst_fix != nullptr) {
-      excluded.fixes.insert(worst_fix->fix);
-      continue;
-    }
+    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst_contradiction / limit, excluded)) continue;
     if (worst != nullptr) {
       dropped = worst->id;
       excluded.hypotheses.insert(worst->id);

@@ -10,11 +10,12 @@
 namespace convoy {
 
 template <class G>
-Map<G>::Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points, SolveReport report,
-            std::unique_ptr<CovarianceSource<G>> covariances)
+Map<G>::Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points,
+            std::vector<Constants<G>> constants, SolveReport report, std::unique_ptr<CovarianceSource<G>> covariances)
     : problem_(std::move(problem)),
       poses_(std::move(poses)),
       points_(std::move(points)),
+      constants_(std::move(constants)),
       report_(report),
       covariances_(std::move(covariances)) {
   ContentHash hash;
@@ -25,6 +26,7 @@ Map<G>::Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Po
     add_group(hash, poses_[n]);
   }
   for (const auto& point : points_) hash.add(point);
+  for (const auto& c : constants_) hash.add(c);
   digest_ = hash.value();
 }
 
@@ -41,41 +43,97 @@ bool Map<G>::aligned(const ChainId& chain) const {
   return s != nullptr && s->aligned;
 }
 
+namespace {
+
+// The pose between fixed neighbours that the factors around it want: T <- T Exp(H^-1 g), and how it moves with them.
+template <class G>
+struct LocalPose {
+  typename G::Covariance H = G::Covariance::Zero(), H_first = G::Covariance::Zero(), H_second = G::Covariance::Zero();
+  ConstantsJacobian<G> H_constants = ConstantsJacobian<G>::Zero();
+  typename G::Tangent g = G::Tangent::Zero();
+
+  template <class R, class W, class J, class JOther, class JConstants>
+  void add(const R& r, const W& weight, const J& J_T, typename G::Covariance& H_other, const JOther& J_other, const JConstants& J_c) {
+    const Eigen::Matrix<double, G::Dof, R::RowsAtCompileTime> JW = J_T.transpose() * weight;
+    H += JW * J_T;
+    H_other += JW * J_other;
+    H_constants += JW * J_c;
+    g -= JW * r;
+  }
+};
+
+}  // namespace
+
 template <class G>
 typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>& state) const {
   const auto& nodes = problem_.nodes;
+  const auto slam = [&](int n) -> const ChainState<G>& { return nodes[static_cast<std::size_t>(n)].slam; };
   int before = s.first;  // the last node not later than the state
-  while (before + 1 < s.end && nodes[static_cast<std::size_t>(before) + 1].slam.stamp_s <= state.stamp_s) ++before;
+  while (before + 1 < s.end && slam(before + 1).stamp_s <= state.stamp_s) ++before;
+  Placement p;
+  p.first = before;
+  p.second = before + 1 < s.end ? before + 1 : -1;
+  p.constants = s.constants;
   const G& T_a = poses_[static_cast<std::size_t>(before)];
-  const Increment<G> first = increment(nodes[static_cast<std::size_t>(before)].slam, state);
-  Placement placement;
-  placement.first = before;
-  placement.A = first.motion.inverse().adjoint();
-  placement.mean = T_a * first.motion;
-  placement.noise = first.covariance;
-  if (before + 1 >= s.end) return placement;
-  // Between two nodes: e = what the chain a -> b is off by is shared out by the covariances of its two halves.
-  const G& T_b = poses_[static_cast<std::size_t>(before) + 1];
-  const Increment<G> second = increment(state, nodes[static_cast<std::size_t>(before) + 1].slam);
-  const typename G::Adjoint Ad = second.motion.inverse().adjoint();
-  const typename G::Covariance total = Ad * first.covariance * Ad.transpose() + second.covariance;
-  const typename G::Covariance K =
-      total.ldlt().solve(typename G::Covariance(Ad * first.covariance)).transpose();  // Q1 Ad^T total^-1
-  const typename G::Tangent e = ((placement.mean * second.motion).inverse() * T_b).Log();
-  placement.second = before + 1;
-  placement.mean = placement.mean * G::Exp(K * e);
-  placement.A -= K * (first.motion * second.motion).inverse().adjoint();
-  placement.B = K;
-  placement.noise = symmetrised(typename G::Covariance(first.covariance - K * Ad * first.covariance));
-  return placement;
+  const Constants<G> c = s.constants < 0 ? Constants<G>::Zero() : constants_[static_cast<std::size_t>(s.constants)];
+  const DriftFactor<G> to_here = drift_between(slam(before), state, s);
+  p.mean = s.constants < 0 ? T_a * to_here.motion : T_a * (to_here.motion * G::Exp(to_here.A * c));
+  const bool bounded = s.persistent.bounded();
+  if (p.second < 0 && !bounded) {
+    const DriftResidual<G> r(to_here, T_a, p.mean, c);
+    p.A = -r.J_a;
+    p.C = -r.J_c;
+    p.noise = to_here.covariance;
+    return p;
+  }
+  DriftFactor<G> onwards;
+  if (p.second >= 0) onwards = drift_between(state, slam(p.second), s);
+  const typename G::Covariance W_a = to_here.covariance.inverse();
+  const typename G::Covariance W_b = p.second >= 0 ? onwards.covariance.inverse().eval() : G::Covariance::Zero().eval();
+  LocalPose<G> local;
+  for (int iteration = 0; iteration < 4; ++iteration) {
+    local = {};
+    const DriftResidual<G> r_a(to_here, T_a, p.mean, c);
+    local.add(r_a.r, W_a, r_a.J_b, local.H_first, r_a.J_a, r_a.J_c);
+    if (p.second >= 0) {
+      const DriftResidual<G> r_b(onwards, p.mean, poses_[static_cast<std::size_t>(p.second)], c);
+      local.add(r_b.r, W_b, r_b.J_a, local.H_second, r_b.J_b, r_b.J_c);
+    }
+    if constexpr (G::Dim == 3) {
+      const auto add = [&](const BoundedFactor& f, const G& T_0, const G& T_1, bool here_is_second, auto& H_other) {
+        const BoundedResidual r(f, &T_0, T_1, c[2]);
+        Eigen::Matrix3d J_c = Eigen::Matrix3d::Zero();
+        J_c.col(2) = r.J_c;
+        const Eigen::Matrix3d W = f.information.asDiagonal();
+        if (here_is_second) local.add(r.r, W, r.J_b, H_other, r.J_a, J_c);
+        else local.add(r.r, W, r.J_a, H_other, r.J_b, J_c);
+      };
+      if (bounded) add(bounded_between(&slam(before), state, s), T_a, p.mean, true, local.H_first);
+      if (bounded && p.second >= 0)
+        add(bounded_between(&state, slam(p.second), s), p.mean, poses_[static_cast<std::size_t>(p.second)], false, local.H_second);
+    }
+    p.mean = p.mean * G::Exp(local.H.ldlt().solve(local.g));
+  }
+  p.noise = symmetrised(typename G::Covariance(local.H.inverse()));
+  p.A = -p.noise * local.H_first;
+  p.B = -p.noise * local.H_second;
+  p.C = -p.noise * local.H_constants;
+  return p;
+}
+
+template <class G>
+std::vector<std::pair<int, Eigen::MatrixXd>> Map<G>::parts(const Placement& p) const {
+  std::vector<std::pair<int, Eigen::MatrixXd>> parts{{p.first, p.A}};
+  if (p.second >= 0) parts.emplace_back(p.second, p.B);
+  if (p.constants >= 0) parts.emplace_back(problem_.unknown_of_constants(p.constants), p.C);
+  return parts;
 }
 
 template <class G>
 typename G::Covariance Map<G>::covariance(const Placement& a, const Placement& b) {
-  typename G::Covariance P = a.A * covariances_->nodes(a.first, b.first) * b.A.transpose();
-  if (b.second >= 0) P += a.A * covariances_->nodes(a.first, b.second) * b.B.transpose();
-  if (a.second >= 0) P += a.B * covariances_->nodes(a.second, b.first) * b.A.transpose();
-  if (a.second >= 0 && b.second >= 0) P += a.B * covariances_->nodes(a.second, b.second) * b.B.transpose();
+  typename G::Covariance P = G::Covariance::Zero();
+  for (const auto& [i, J_i] : parts(a))
+    for (const auto& [j, J_j] : parts(b)) P += J_i * covariances_->between(i, j) * J_j.transpose();
   return P;
 }
 
@@ -109,16 +167,23 @@ std::optional<Surroundings<G>> Map<G>::surroundings(const ChainId& chain, const 
   const ChainSpan* s = span(chain);
   if (s == nullptr) return std::nullopt;
   const Placement p = place(*s, state);
-  std::vector<int> nodes{p.first};
-  if (p.second >= 0) nodes.push_back(p.second);
-  const Eigen::Index n = G::Dof * static_cast<Eigen::Index>(nodes.size());
+  std::vector<int> unknowns;
+  Eigen::Index n = 0;
+  for (const auto& [unknown, J] : parts(p)) {
+    unknowns.push_back(unknown);
+    n += J.cols();
+  }
+  for (const int c : classes) unknowns.push_back(problem_.unknown_of_point(c));
   const Eigen::Index rest = G::Dim * static_cast<Eigen::Index>(classes.size());
-  Eigen::MatrixXd F = Eigen::MatrixXd::Zero(G::Dof + rest, n + rest);  // nodes and points -> pose and points
-  F.template block<G::Dof, G::Dof>(0, 0) = p.A;
-  if (p.second >= 0) F.template block<G::Dof, G::Dof>(0, G::Dof) = p.B;
+  Eigen::MatrixXd F = Eigen::MatrixXd::Zero(G::Dof + rest, n + rest);  // unknowns -> pose and points
+  Eigen::Index column = 0;
+  for (const auto& [unknown, J] : parts(p)) {
+    F.block(0, column, G::Dof, J.cols()) = J;
+    column += J.cols();
+  }
   F.bottomRightCorner(rest, rest).setIdentity();
   Surroundings<G> around{
-      p.mean, p.noise, {}, symmetrised(Eigen::MatrixXd(F * covariances_->joint(nodes, classes) * F.transpose()))};
+      p.mean, p.noise, {}, symmetrised(Eigen::MatrixXd(F * covariances_->joint(unknowns) * F.transpose()))};
   for (const int c : classes) around.points.push_back(points_[static_cast<std::size_t>(c)]);
   return around;
 }
@@ -138,34 +203,56 @@ std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, cons
 
 template <class G>
 PointEstimate<G> Map<G>::class_point(int index) {
-  return {points_[static_cast<std::size_t>(index)], covariances_->point(index)};
+  const int unknown = problem_.unknown_of_point(index);
+  return {points_[static_cast<std::size_t>(index)], covariances_->between(unknown, unknown)};
 }
 
 template <class G>
 std::optional<Estimate<G>> Map<G>::datum() {
   if (problem_.datum < 0) return std::nullopt;
   return Estimate<G>{poses_[static_cast<std::size_t>(problem_.datum)],
-                     symmetrised(covariances_->nodes(problem_.datum, problem_.datum))};
+                     symmetrised(typename G::Covariance(covariances_->between(problem_.datum, problem_.datum)))};
 }
 
-// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the fix' own share in its residual taken off, w^T M^-1 w is what
-// a map without the fix would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance without the fix in units of
-// the fix' own; where it is nothing but rounding, nothing but the fix itself determines that direction.
+template <class G>
+std::optional<typename Map<G>::Learnt> Map<G>::constants(const ChainId& chain) {
+  const ChainSpan* s = span(chain);
+  if (s == nullptr || s->constants < 0 || !s->persistent.constant()) return std::nullopt;
+  const int unknown = problem_.unknown_of_constants(s->constants);
+  const Eigen::MatrixXd P = covariances_->between(unknown, unknown);
+  const Constants<G>& c = constants_[static_cast<std::size_t>(s->constants)];
+  return Learnt{c.template head<2>(), P.diagonal().template head<2>().cwiseSqrt()};
+}
+
 template <class G>
 std::pair<double, int> Map<G>::contradiction(const AbsoluteFixFactor<G>& f) {
   const G& T = poses_[static_cast<std::size_t>(f.node)];
   const G D = f.datum < 0 ? G() : poses_[static_cast<std::size_t>(f.datum)];
   const AbsoluteFixResidual<G> one(f, T, D);
-  typename G::PointCovariance JPJ = one.J_T * covariances_->nodes(f.node, f.node) * one.J_T.transpose();
-  if (f.datum >= 0) {
-    const typename G::PointCovariance cross = one.J_T * covariances_->nodes(f.node, f.datum) * one.J_D.transpose();
-    JPJ += cross + cross.transpose() + one.J_D * covariances_->nodes(f.datum, f.datum) * one.J_D.transpose();
-  }
-  const Eigen::LLT<typename G::PointCovariance> llt(f.covariance);
+  if (f.datum < 0) return contradiction(one.r, f.covariance, {{f.node, one.J_T}});
+  return contradiction(one.r, f.covariance, {{f.node, one.J_T}, {f.datum, one.J_D}});
+}
+
+template <class G>
+std::pair<double, int> Map<G>::contradiction(const EncounterFactor<G>& f) {
+  const EncounterResidual<G> one(f, poses_[static_cast<std::size_t>(f.observer)], poses_[static_cast<std::size_t>(f.other)]);
+  return contradiction(one.r, f.covariance, {{f.observer, one.J_o}, {f.other, one.J_w}});
+}
+
+// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the measurement's own share in its residual taken off, w^T M^-1 w is
+// what a map without it would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance without the measurement in units of
+// its own; where it is nothing but rounding, nothing but the measurement itself determines that direction.
+template <class G>
+std::pair<double, int> Map<G>::contradiction(const typename G::Point& r, const typename G::PointCovariance& S,
+                                             const std::vector<std::pair<int, PointJacobian>>& jacobians) {
+  typename G::PointCovariance JPJ = G::PointCovariance::Zero();
+  for (const auto& [i, J_i] : jacobians)
+    for (const auto& [j, J_j] : jacobians) JPJ += J_i * covariances_->between(i, j) * J_j.transpose();
+  const Eigen::LLT<typename G::PointCovariance> llt(S);
   const typename G::PointCovariance half = llt.matrixL().solve(JPJ), whitened = llt.matrixL().solve(half.transpose());
   const Eigen::SelfAdjointEigenSolver<typename G::PointCovariance> eigen(
       symmetrised(typename G::PointCovariance(G::PointCovariance::Identity() - whitened)));
-  const typename G::Point w = eigen.eigenvectors().transpose() * llt.matrixL().solve(one.r);
+  const typename G::Point w = eigen.eigenvectors().transpose() * llt.matrixL().solve(r);
   std::pair<double, int> result{0.0, 0};
   for (int i = 0; i < G::Dim; ++i) {
     if (eigen.eigenvalues()[i] < 1e-7) continue;

@@ -23,16 +23,16 @@ struct PointEstimate {
   typename G::PointCovariance covariance = G::PointCovariance::Zero();
 };
 
-/// What a backend keeps to answer for covariances. Indices are those of Problem::nodes and Problem::points.
+/// What a backend keeps to answer for covariances. An unknown is a node, a point or the constants of a chain, by its index in
+/// the Problem: see Problem::unknown_of_point() and its like.
 template <class G>
 class CovarianceSource {
  public:
   virtual ~CovarianceSource() = default;
-  /// Cov(d_a, d_b) of right perturbations. Dof x Dof.
-  virtual typename G::Covariance nodes(int a, int b) = 0;
-  virtual typename G::PointCovariance point(int p) = 0;
-  /// Of (d_nodes, d_points) stacked, each index once. (Dof n + Dim p)^2.
-  virtual Eigen::MatrixXd joint(const std::vector<int>& nodes, const std::vector<int>& points) = 0;
+  /// Cov(d_a, d_b) of two unknowns, nodes by right perturbations.
+  virtual Eigen::MatrixXd between(int a, int b) = 0;
+  /// Of several stacked, each named once.
+  virtual Eigen::MatrixXd joint(const std::vector<int>& unknowns) = 0;
 };
 
 /// A pose and points around it as the map knows them together.
@@ -57,8 +57,8 @@ struct SolveReport {
 template <class G>
 class Map {
  public:
-  Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points, SolveReport report,
-      std::unique_ptr<CovarianceSource<G>> covariances);
+  Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points,
+      std::vector<Constants<G>> constants, SolveReport report, std::unique_ptr<CovarianceSource<G>> covariances);
 
   /// True if the chain is known and expressed in the common frame.
   bool aligned(const ChainId& chain) const;
@@ -81,6 +81,13 @@ class Map {
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
 
+  /// What the map has learnt of the constants of a chain (scale, heading rate): mean and standard deviation. Empty if it states
+  /// none.
+  struct Learnt {
+    Eigen::Vector2d mean, sigma;
+  };
+  std::optional<Learnt> constants(const ChainId& chain);
+
   /// The solved point of class `index` of the selection.
   PointEstimate<G> class_point(int index);
 
@@ -90,28 +97,37 @@ class Map {
   /// How far an absolute fix of the problem lies from a map that has not heard of it: squared Mahalanobis distance, and
   /// the number of directions in which the others say anything (0: none).
   std::pair<double, int> contradiction(const AbsoluteFixFactor<G>& fix);
+  std::pair<double, int> contradiction(const EncounterFactor<G>& encounter);
 
   const Problem<G>& problem() const { return problem_; }
   const std::vector<G>& poses() const { return poses_; }                    ///< of Problem::nodes
   const std::vector<typename G::Point>& points() const { return points_; }  ///< of Problem::points
   const SolveReport& report() const { return report_; }
+  const std::vector<Constants<G>>& constants() const { return constants_; }  ///< of Problem::constants
   /// Hash of every pose and point to the bit. Equal for equal facts.
   Hash digest() const { return digest_; }
 
  private:
-  // d_pose = A d_first + B d_second + noise, by the nodes around it.
+  // d_pose = A d_first + B d_second + C d_constants + noise, by the nodes around it.
   struct Placement {
     int first = 0, second = -1;  // nodes; -1: none
+    int constants = -1;
     G mean;
     typename G::Covariance A = G::Covariance::Zero(), B = G::Covariance::Zero(), noise = G::Covariance::Zero();
+    ConstantsJacobian<G> C = ConstantsJacobian<G>::Zero();
   };
   const ChainSpan* span(const ChainId& chain) const;
   Placement place(const ChainSpan& span, const ChainState<G>& state) const;
   typename G::Covariance covariance(const Placement& a, const Placement& b);
+  std::vector<std::pair<int, Eigen::MatrixXd>> parts(const Placement& placement) const;
+  using PointJacobian = typename G::PointJacobian;
+  std::pair<double, int> contradiction(const typename G::Point& r, const typename G::PointCovariance& S,
+                                       const std::vector<std::pair<int, PointJacobian>>& jacobians);
 
   Problem<G> problem_;
   std::vector<G> poses_;
   std::vector<typename G::Point> points_;
+  std::vector<Constants<G>> constants_;
   SolveReport report_;
   std::unique_ptr<CovarianceSource<G>> covariances_;
   Hash digest_ = 0;
@@ -123,8 +139,8 @@ class Backend {
  public:
   virtual ~Backend() = default;
   virtual std::unique_ptr<Map<G>> solve(Problem<G> problem) const = 0;
-  /// False: its problems are built as if there were none.
-  virtual bool takes_absolute_fixes() const { return true; }
+  /// False: it knows static biases, drift and landmarks alone (ProblemOptions::plain).
+  virtual bool takes_every_factor() const { return true; }
 };
 
 }  // namespace convoy

@@ -27,17 +27,24 @@ typename G::Covariance floored(typename G::Covariance P) {
 template <class G>
 class ProblemBuilder {
  public:
-  ProblemBuilder(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference, bool common_frame_is_enu)
-      : store_(store), selection_(selection), reference_(reference), enu_(common_frame_is_enu) {}
+  ProblemBuilder(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options)
+      : store_(store),
+        selection_(selection),
+        reference_(options.reference),
+        enu_(options.common_frame_is_enu),
+        plain_(options.plain) {}
 
   Problem<G> build() {
     add_nodes();
     connect_chains();
     place_chains();
-    place_by_fixes();
-    add_priors_and_drifts();
+    if (!plain_) place_by_fixes();
+    if (!plain_) place_by_encounters();
+    add_priors();
+    add_drifts();
     add_landmarks();
-    add_fixes();
+    if (!plain_) add_fixes();
+    if (!plain_) add_encounters();
     return std::move(problem_);
   }
 
@@ -57,11 +64,9 @@ class ProblemBuilder {
         const LandmarkFact<G>& landmark = *store_.landmark(key);
         wanted[key.chain].insert({0, landmark.anchor});
       }
-    std::map<Key, std::vector<const AbsoluteFixFact<G>*>> fixes_of;  // by anchor
-    for (const Key& key : selection_.fixes) {
-      wanted[key.chain].insert({0, fix(key).anchor});
-      fixes_of[fix(key).anchor_key()].push_back(&fix(key));
-    }
+    WaypointsByAnchor waypoints;
+    if (!plain_) waypoints = waypoints_of_selection();
+    for (const auto& [anchor, list] : waypoints) wanted[anchor.chain].insert({0, anchor.index});
     for (const auto& [id, indices] : wanted) {
       ChainSpan span{id, static_cast<int>(problem_.nodes.size()), 0, false};
       for (const std::uint32_t index : indices) {
@@ -69,9 +74,10 @@ class ProblemBuilder {
         const AnchorFact<G>* anchor = store_.anchor(key);
         node_of_[key] = static_cast<int>(problem_.nodes.size());
         problem_.nodes.push_back({key, anchor != nullptr ? anchor->state : ChainState<G>{}, G()});  // index 0: origin
-        if (const auto fixes = fixes_of.find(key); fixes != fixes_of.end()) add_fix_nodes(fixes->second);
+        if (const auto found = waypoints.find(key); found != waypoints.end()) add_waypoint_nodes(found->second);
       }
       span.end = static_cast<int>(problem_.nodes.size());
+      if (const PriorFact<G>* prior = store_.prior(id); prior != nullptr && !plain_) span.persistent = prior->persistent;
       chain_of_[id] = static_cast<int>(problem_.chains.size());
       problem_.chains.push_back(span);
     }
@@ -80,24 +86,52 @@ class ProblemBuilder {
     base_.resize(problem_.chains.size());
   }
 
-  // Behind the node of their anchor, in the order of driving. A fix is a place of its own: several that hang on one anchor
-  // share the drift since then. Where the vehicle has not moved, neighbours share a node.
-  void add_fix_nodes(std::vector<const AbsoluteFixFact<G>*>& fixes) {
-    std::sort(fixes.begin(), fixes.end(), [](const auto* x, const auto* y) {
-      return std::tie(x->state.abscissa_m, x->state.stamp_s, x->key) < std::tie(y->state.abscissa_m, y->state.stamp_s, y->key);
+  // A place on the way between two anchors that a fact is about.
+  struct Waypoint {
+    FactKind kind;
+    Key key;  // of the fact
+    const ChainState<G>* state;
+  };
+  using WaypointsByAnchor = std::map<Key, std::vector<Waypoint>>;
+
+  WaypointsByAnchor waypoints_of_selection() const {
+    WaypointsByAnchor all;
+    const auto add = [&](FactKind kind, const auto& fact) { all[fact.anchor_key()].push_back({kind, fact.key, &fact.state}); };
+    for (const Key& key : selection_.fixes) add(FactKind::absolute_fix, fix(key));
+    for (const SelectedEncounter& e : selection_.encounters) {
+      add(FactKind::encounter, encounter(e));
+      add(FactKind::waypoint, waypoint(e));
+    }
+    return all;
+  }
+
+  // Behind the node of their anchor, in the order of driving. Each is a place of its own: several that hang on one anchor share
+  // the drift since then. Where the vehicle has not moved, neighbours share a node.
+  void add_waypoint_nodes(std::vector<Waypoint>& waypoints) {
+    std::sort(waypoints.begin(), waypoints.end(), [](const Waypoint& x, const Waypoint& y) {
+      return std::tie(x.state->abscissa_m, x.state->stamp_s, x.kind, x.key) <
+             std::tie(y.state->abscissa_m, y.state->stamp_s, y.kind, y.key);
     });
-    for (const AbsoluteFixFact<G>* f : fixes) {
+    for (const Waypoint& w : waypoints) {
       const ChainState<G>& last = problem_.nodes.back().slam;
-      const bool moved = f->state.pose.translation() != last.pose.translation() ||
-                         f->state.pose.rotation() != last.pose.rotation() || f->state.drift != last.drift;
-      if (moved) problem_.nodes.push_back({problem_.nodes.back().anchor, f->state, G()});
-      fix_node_[f->key] = static_cast<int>(problem_.nodes.size()) - 1;
+      const bool moved = w.state->pose.translation() != last.pose.translation() ||
+                         w.state->pose.rotation() != last.pose.rotation() || w.state->drift != last.drift;
+      if (moved) problem_.nodes.push_back({problem_.nodes.back().anchor, *w.state, G()});
+      waypoint_node_[{w.kind, w.key}] = static_cast<int>(problem_.nodes.size()) - 1;
     }
   }
 
   const AbsoluteFixFact<G>& fix(const Key& key) const {
     return store_.chains().at(key.chain).absolute_fixes.at(key.index);
   }
+  const EncounterFact<G>& encounter(const SelectedEncounter& e) const {
+    return store_.chains().at(e.encounter.chain).encounters.at(e.encounter.index);
+  }
+  const WaypointFact<G>& waypoint(const SelectedEncounter& e) const {
+    return store_.chains().at(e.waypoint.chain).waypoints.at(e.waypoint.index);
+  }
+  int node_of_waypoint(FactKind kind, const Key& key) const { return waypoint_node_.at({kind, key}); }
+  const G& initial(int node) const { return problem_.nodes[static_cast<std::size_t>(node)].initial; }
 
   int group(int chain) const {
     while (parent_[static_cast<std::size_t>(chain)] != chain) chain = parent_[static_cast<std::size_t>(chain)];
@@ -142,11 +176,22 @@ class ProblemBuilder {
     for (const auto& [root, members] : groups) {
       const int first = root_of(members);
       const PriorFact<G>* prior = known_prior(first);
-      place_group(members, first, prior != nullptr ? prior->mean : G());
+      place_group(members, first, prior != nullptr ? prior->mean : levelled(first));
       if (prior == nullptr) gauges_.push_back(first);
       const bool aligned = any_prior ? prior != nullptr : root == common;
       for (const int chain : members) problem_.chains[static_cast<std::size_t>(chain)].aligned = aligned;
     }
+  }
+
+  // A frame to start in: that of the chain, turned so that what it says is up is up.
+  G levelled(int chain) const {
+    if constexpr (G::Dim == 3) {
+      const PersistentDrift& p = problem_.chains[static_cast<std::size_t>(chain)].persistent;
+      if (p.bounded())
+        return G::from_rotation(Eigen::Quaterniond::FromTwoVectors(p.up, Eigen::Vector3d::UnitZ()).toRotationMatrix(),
+                                Eigen::Vector3d::Zero());
+    }
+    return G();
   }
 
   // Breadth first along the accepted hypotheses in their canonical order, strongest first.
@@ -169,21 +214,22 @@ class ProblemBuilder {
         break;
       }
     }
-    for (const int chain : members) {
-      const ChainSpan& span = problem_.chains[static_cast<std::size_t>(chain)];
-      for (int n = span.first; n < span.end; ++n) {
-        Node<G>& node = problem_.nodes[static_cast<std::size_t>(n)];
-        node.initial = base_[static_cast<std::size_t>(chain)] * node.slam.pose;
-      }
-    }
+    for (const int chain : members)
+      each_node(chain, [&](Node<G>& node) { node.initial = base_[static_cast<std::size_t>(chain)] * node.slam.pose; });
+  }
+
+  template <class Change>
+  void each_node(int chain, const Change& change) {
+    const ChainSpan& span = problem_.chains[static_cast<std::size_t>(chain)];
+    for (int n = span.first; n < span.end; ++n) change(problem_.nodes[static_cast<std::size_t>(n)]);
   }
 
   typename G::Point placed_antenna(const AbsoluteFixFact<G>& f) const {
-    return problem_.nodes[static_cast<std::size_t>(fix_node_.at(f.key))].initial * f.lever;
+    return initial(node_of_waypoint(FactKind::absolute_fix, f.key)) * f.lever;
   }
 
   struct Sight {
-    typename G::Point here, there;  // where the antenna is, provisional frame and ENU
+    typename G::Point here, there;  // the same point in both frames
     double sigma_m;
   };
 
@@ -193,16 +239,20 @@ class ProblemBuilder {
     return G::Exp(d);
   }
 
-  // T_enu_here, yaw and position: of all pairs of fixes far enough apart, the one that suits the others best (least median of
+  struct Aligned {
+    G T_there_here;
+    double median_m;  // of what the points lie apart then
+  };
+
+  // T_there_here, yaw and position: of all pairs of fixes far enough apart, the one that suits the others best (least median of
   // squares), so that a gross error does not decide where to start from. Empty if no pair fixes the yaw to 0.3 rad.
-  static std::optional<G> align_to_enu(const std::vector<Sight>& all) {
+  static std::optional<Aligned> align_sights(const std::vector<Sight>& all) {
     constexpr double max_sigma_yaw_rad = 0.3;
     constexpr std::size_t most = 40;
     std::vector<Sight> some;
     const std::size_t stride = std::max<std::size_t>(1, (all.size() + most - 1) / most);
     for (std::size_t i = 0; i < all.size(); i += stride) some.push_back(all[i]);
-    std::optional<G> best;
-    double best_median = std::numeric_limits<double>::infinity();
+    std::optional<Aligned> best;
     for (std::size_t i = 0; i < some.size(); ++i)
       for (std::size_t j = i + 1; j < some.size(); ++j) {
         const SE2::Point here = (some[j].here - some[i].here).template head<2>();
@@ -217,11 +267,7 @@ class ProblemBuilder {
         for (const Sight& s : some) distances.push_back((T * s.here - s.there).norm());
         const auto half = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
         std::nth_element(distances.begin(), half, distances.end());
-        const double median = *half;
-        if (median < best_median) {
-          best = T;
-          best_median = median;
-        }
+        if (!best || *half < best->median_m) best = Aligned{T, *half};
       }
     return best;
   }
@@ -236,28 +282,96 @@ class ProblemBuilder {
       const Sight sight{placed_antenna(f), f.position, std::sqrt(f.covariance.diagonal().maxCoeff())};
       sights[is_aligned(chain) && !enu_ ? -1 : group(chain)].push_back(sight);
     }
-    std::optional<G> T_enu_common = G();
-    if (!enu_) T_enu_common = align_to_enu(sights[-1]);
-    if (!T_enu_common) return;
+    std::optional<Aligned> common = Aligned{G(), 0.0};
+    if (!enu_) common = align_sights(sights[-1]);
+    if (!common) return;
+    const G& T_enu_common = common->T_there_here;
     for (int chain = 0; chain < static_cast<int>(problem_.chains.size()); ++chain) {
       const bool stays = enu_ ? has_prior(group(chain)) : is_aligned(chain);
-      const auto own = stays ? std::nullopt : align_to_enu(sights[group(chain)]);
+      const auto own = stays ? std::nullopt : align_sights(sights[group(chain)]);
       ChainSpan& span = problem_.chains[static_cast<std::size_t>(chain)];
       if (enu_) span.aligned = stays || own;
       if (!own) continue;
-      span.aligned = true;
-      if (std::erase(gauges_, chain) > 0) floating_.push_back(chain);
-      const G move = T_enu_common->inverse() * *own;
-      for (int n = span.first; n < span.end; ++n) {
-        Node<G>& node = problem_.nodes[static_cast<std::size_t>(n)];
-        node.initial = move * node.initial;
-      }
+      move_chain(chain, T_enu_common.inverse() * own->T_there_here);
     }
     if (enu_ || selection_.fixes.empty()) return;
     problem_.datum = static_cast<int>(problem_.nodes.size());
     const Key last{{std::numeric_limits<VehicleId>::max(), std::numeric_limits<Epoch>::max()},
                    std::numeric_limits<std::uint32_t>::max()};
-    problem_.nodes.push_back({last, {}, *T_enu_common});
+    problem_.nodes.push_back({last, {}, T_enu_common});
+  }
+
+  // Into the common frame, from one of its own: its gauge is no longer wanted.
+  void move_chain(int chain, const G& T_common_here) {
+    problem_.chains[static_cast<std::size_t>(chain)].aligned = true;
+    if (std::erase(gauges_, chain) > 0) floating_.push_back(chain);
+    each_node(chain, [&](Node<G>& node) { node.initial = T_common_here * node.initial; });
+  }
+
+  // What two chains say of the same point: the one in an aligned chain is "there".
+  struct Meeting {
+    Sight sight;
+    int observer, other;  // nodes
+  };
+
+  std::optional<std::pair<int, Meeting>> meeting_of(const SelectedEncounter& e) const {
+    const int observer = chain_of_.at(e.encounter.chain), other = chain_of_.at(e.waypoint.chain);
+    if (is_aligned(observer) == is_aligned(other)) return std::nullopt;
+    const EncounterFact<G>& seen = encounter(e);
+    const int node_o = node_of_waypoint(FactKind::encounter, e.encounter), node_w = node_of_waypoint(FactKind::waypoint, e.waypoint);
+    const typename G::Point by_observer = initial(node_o) * seen.position, by_other = initial(node_w) * waypoint(e).mark;
+    const double sigma_m = std::sqrt(seen.covariance.diagonal().maxCoeff());
+    if (is_aligned(observer)) return std::pair{group(other), Meeting{{by_other, by_observer, sigma_m}, node_o, node_w}};
+    return std::pair{group(observer), Meeting{{by_observer, by_other, sigma_m}, node_o, node_w}};
+  }
+
+  // Variance of a position at the last of some nodes of a chain, seen from the first: the way may have bent so far. [m^2]
+  double bend(std::vector<int> nodes) const {
+    const auto [first, last] = std::minmax_element(nodes.begin(), nodes.end());
+    const auto Q = increment(problem_.nodes[static_cast<std::size_t>(*first)].slam, problem_.nodes[static_cast<std::size_t>(*last)].slam);
+    return Q.covariance.template topLeftCorner<G::Dim, G::Dim>().trace();
+  }
+
+  // An alignment that at least half of the meetings agree with, as far as drift lets them.
+  std::optional<Aligned> align_meetings(const std::vector<Meeting>& meetings) const {
+    constexpr std::size_t fewest = 3;  // any two points fit any two others
+    if (meetings.size() < fewest) return std::nullopt;
+    std::vector<Sight> sights;
+    std::vector<double> variances;
+    std::map<ChainId, std::vector<int>> nodes;
+    for (const Meeting& m : meetings) {
+      sights.push_back(m.sight);
+      variances.push_back(m.sight.sigma_m * m.sight.sigma_m);
+      for (const int n : {m.observer, m.other}) nodes[problem_.nodes[static_cast<std::size_t>(n)].anchor.chain].push_back(n);
+    }
+    const auto half = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
+    std::nth_element(variances.begin(), half, variances.end());
+    double variance = *half;
+    for (const auto& [chain, list] : nodes) variance += bend(list);
+    const auto aligned = align_sights(sights);
+    return aligned && aligned->median_m < 3.0 * std::sqrt(variance) ? aligned : std::nullopt;
+  }
+
+  // One group after the other, the one with most encounters first: it may bring others within reach. What contradicts the map
+  // that comes of it is found there.
+  void place_by_encounters() {
+    while (true) {
+      std::map<int, std::vector<Meeting>> meetings;
+      for (const SelectedEncounter& e : selection_.encounters)
+        if (const auto meeting = meeting_of(e)) meetings[meeting->first].push_back(meeting->second);
+      int best = -1;
+      std::optional<Aligned> alignment;
+      for (const auto& [root, list] : meetings) {
+        if (best >= 0 && list.size() <= meetings.at(best).size()) continue;
+        const auto aligned = align_meetings(list);
+        if (!aligned) continue;
+        best = root;
+        alignment = aligned;
+      }
+      if (best < 0) return;
+      for (int chain = 0; chain < static_cast<int>(problem_.chains.size()); ++chain)
+        if (group(chain) == best && !is_aligned(chain)) move_chain(chain, alignment->T_there_here);
+    }
   }
 
   bool has_prior(int root) const {
@@ -283,25 +397,84 @@ class ProblemBuilder {
       if (!is_aligned(chain_of_.at(key.chain))) continue;
       const AbsoluteFixFact<G>& f = fix(key);
       problem_.fixes.push_back(
-          {fix_node_.at(key), problem_.datum, key, f.lever, f.position, symmetrised(typename G::PointCovariance(f.covariance + floor))});
+          {node_of_waypoint(FactKind::absolute_fix, key), problem_.datum, key, f.lever, f.position, symmetrised(typename G::PointCovariance(f.covariance + floor))});
     }
   }
 
-  void add_priors_and_drifts() {
+  void add_encounters() {
+    const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
+    for (const SelectedEncounter& e : selection_.encounters) {
+      const int a = chain_of_.at(e.encounter.chain), b = chain_of_.at(e.waypoint.chain);
+      const bool one_frame = (is_aligned(a) && is_aligned(b)) || (is_aligned(a) == is_aligned(b) && group(a) == group(b));
+      if (!one_frame) continue;
+      const EncounterFact<G>& f = encounter(e);
+      problem_.encounters.push_back({node_of_waypoint(FactKind::encounter, e.encounter),
+                                     node_of_waypoint(FactKind::waypoint, e.waypoint), e.encounter, waypoint(e).mark, f.position,
+                                     symmetrised(typename G::PointCovariance(f.covariance + floor))});
+    }
+  }
+
+  void add_priors() {
     for (int c = 0; c < static_cast<int>(problem_.chains.size()); ++c) {
-      const ChainSpan& span = problem_.chains[static_cast<std::size_t>(c)];
+      const int first = problem_.chains[static_cast<std::size_t>(c)].first;
       if (const PriorFact<G>* prior = known_prior(c))
-        problem_.priors.push_back({span.first, prior->mean, floored<G>(prior->covariance)});
+        problem_.priors.push_back({first, prior->mean, floored<G>(prior->covariance)});
       else if (std::find(gauges_.begin(), gauges_.end(), c) != gauges_.end())
-        problem_.priors.push_back({span.first, G(), floored<G>(G::Covariance::Zero())});
+        problem_.priors.push_back({first, initial(first), floored<G>(gauge_covariance(c))});
       else if (std::find(floating_.begin(), floating_.end(), c) != floating_.end())
-        problem_.priors.push_back({span.first, problem_.nodes[static_cast<std::size_t>(span.first)].initial, flat(10.0)});
+        problem_.priors.push_back({first, initial(first), flat(10.0)});
+    }
+  }
+
+  // Where a chain knows what is up, the frame is level, and the chain may begin with a tilt.
+  typename G::Covariance gauge_covariance(int chain) const {
+    typename G::Covariance P = G::Covariance::Zero();
+    if constexpr (G::Dim == 3) {
+      const PersistentDrift& p = problem_.chains[static_cast<std::size_t>(chain)].persistent;
+      if (p.tilt_rad > 0.0)
+        P.template bottomRightCorner<3, 3>() = Eigen::Matrix3d::Identity() - p.up * p.up.transpose();
+    }
+    return P;
+  }
+
+  void add_drifts() {
+    for (ChainSpan& span : problem_.chains) {
+      add_constants(span);
+      const auto slam = [&](int n) -> const ChainState<G>& { return problem_.nodes[static_cast<std::size_t>(n)].slam; };
+      if (span.persistent.bounded()) add_bounded(span, nullptr, span.first);
       for (int n = span.first + 1; n < span.end; ++n) {
-        const auto step = increment(problem_.nodes[static_cast<std::size_t>(n) - 1].slam,
-                                    problem_.nodes[static_cast<std::size_t>(n)].slam);
-        problem_.drifts.push_back({n - 1, n, step.motion, step.covariance});
+        DriftFactor<G> f = drift_between(slam(n - 1), slam(n), span);
+        f.a = n - 1;
+        f.b = n;
+        problem_.drifts.push_back(f);
+        if (span.persistent.bounded()) add_bounded(span, &slam(n - 1), n);
       }
     }
+  }
+
+  void add_bounded(const ChainSpan& span, const ChainState<G>* before, int node) {
+    BoundedFactor f = bounded_between(before, problem_.nodes[static_cast<std::size_t>(node)].slam, span);
+    f.a = before == nullptr ? -1 : node - 1;
+    f.b = node;
+    problem_.bounded.push_back(f);
+  }
+
+  void add_constants(ChainSpan& span) {
+    const PersistentDrift& p = span.persistent;
+    if (!p.bounded() && !p.constant()) return;
+    span.constants = static_cast<int>(problem_.constants.size());
+    ConstantsFactor<G> f;
+    constexpr double floor = 1e-9;  // exact is not singular
+    f.mean.setZero();
+    f.sigma.setOnes();
+    f.sigma.template head<2>() << std::max(floor, p.scale), std::max(floor, p.heading_rad_per_m);
+    if constexpr (G::Dim == 3) {
+      if (p.height_m > 0.0) {
+        f.mean[2] = initial(span.first).translation().z();
+        f.sigma[2] = 1e5;  // whatever it is
+      }
+    }
+    problem_.constants.push_back(f);
   }
 
   void add_landmarks() {
@@ -323,10 +496,10 @@ class ProblemBuilder {
   const FactStore<G>& store_;
   const Selection<G>& selection_;
   VehicleId reference_;
-  bool enu_;
+  bool enu_, plain_;
   Problem<G> problem_;
   std::map<Key, int> node_of_;   // of anchors
-  std::map<Key, int> fix_node_;  // of absolute fixes
+  std::map<std::pair<FactKind, Key>, int> waypoint_node_;  // of absolute fixes, encounters and waypoints
   std::map<ChainId, int> chain_of_;
   std::vector<int> parent_;
   std::vector<G> base_;      // T_common_slam of each chain to start from
@@ -334,15 +507,67 @@ class ProblemBuilder {
   std::vector<int> gauges_;  // chains fixed at the identity for want of a static bias
 };
 
+// What the drift of a chain says of bounded components is not used.
+template <class G>
+typename G::Covariance opened(typename G::Covariance Q, const G& motion, const G& pose, const PersistentDrift& p) {
+  if constexpr (G::Dim == 3) {
+    constexpr double any_m = 100.0, any_rad = 1.0;
+    const Eigen::Vector3d up = pose.rotation().transpose() * p.up;
+    const Eigen::Matrix3d along = up * up.transpose();
+    // A tilt that is wrong for a moment moves the end of the next piece of the way up or down, as seen from its start.
+    double height_m = p.height_m > 0.0 ? any_m : 0.0;
+    if (p.tilt_rad > 0.0) {
+      height_m += p.tilt_rad * motion.translation().norm();
+      Q.template bottomRightCorner<3, 3>() += any_rad * any_rad * (Eigen::Matrix3d::Identity() - along);
+    }
+    Q.template topLeftCorner<3, 3>() += height_m * height_m * along;
+  }
+  return Q;
+}
+
 }  // namespace
 
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference,
-                         bool common_frame_is_enu) {
-  return ProblemBuilder<G>(store, selection, reference, common_frame_is_enu).build();
+DriftFactor<G> drift_between(const ChainState<G>& a, const ChainState<G>& b, const ChainSpan& span) {
+  const Increment<G> step = increment(a, b);
+  DriftFactor<G> f{0, 0, step.motion, step.covariance, span.constants};
+  if (span.persistent.bounded()) f.covariance = opened(f.covariance, step.motion, b.pose, span.persistent);
+  f.A.template leftCols<2>() = step.constants;
+  return f;
 }
 
-#define CONVOY_INSTANTIATE(G) template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, VehicleId, bool);
+template <class G>
+BoundedFactor bounded_between(const ChainState<G>* a, const ChainState<G>& b, const ChainSpan& span) {
+  BoundedFactor f;
+  if constexpr (G::Dim == 3) {
+    const PersistentDrift& p = span.persistent;
+    const auto up = [&](const ChainState<G>& s) -> Eigen::Vector3d { return s.pose.rotation().transpose() * p.up; };
+    f.constants = span.constants;
+    f.up_b = up(b);
+    f.height_b = p.up.dot(b.pose.translation());
+    double fresh = 1.0;  // variance, in units of sigma^2
+    if (a != nullptr) {
+      f.up_a = up(*a);
+      f.height_a = p.up.dot(a->pose.translation());
+      const double ds = std::max(0.0, b.abscissa_m - a->abscissa_m) / p.correlation_m;
+      f.phi = std::exp(-ds);
+      fresh = std::max(1e-9, -std::expm1(-2.0 * ds));  // 1 - phi^2
+    }
+    const auto information = [&](double sigma) { return sigma > 0.0 ? 1.0 / (fresh * sigma * sigma) : 0.0; };
+    f.information << information(p.tilt_rad), information(p.tilt_rad), information(p.height_m);
+  }
+  return f;
+}
+
+template <class G>
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options) {
+  return ProblemBuilder<G>(store, selection, options).build();
+}
+
+#define CONVOY_INSTANTIATE(G)                                                                                         \
+  template DriftFactor<G> drift_between(const ChainState<G>&, const ChainState<G>&, const ChainSpan&);                \
+  template BoundedFactor bounded_between(const ChainState<G>*, const ChainState<G>&, const ChainSpan&);               \
+  template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, const ProblemOptions&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -25,12 +25,37 @@ struct PriorFactor {
   typename G::Covariance covariance;
 };
 
-/// F1: T_b = T_a * motion * Exp(N(0, Q)).
+/// The constants of a chain: kappa, g, and in space the height [m] of its start in the common frame.
+template <class G>
+using Constants = Eigen::Matrix<double, G::Dim == 2 ? 2 : 3, 1>;
+template <class G>
+using ConstantsJacobian = Eigen::Matrix<double, G::Dof, Constants<G>::RowsAtCompileTime>;
+
+/// F5: c ~ mean + N(0, diag(sigma^2)).
+template <class G>
+struct ConstantsFactor {
+  Constants<G> mean, sigma;
+};
+
+/// F1: T_b = T_a * motion * Exp(A c) * Exp(N(0, Q)).
 template <class G>
 struct DriftFactor {
   int a, b;
   G motion;
   typename G::Covariance covariance;
+  int constants = -1;  ///< whose c; -1: none
+  ConstantsJacobian<G> A = ConstantsJacobian<G>::Zero();
+};
+
+/// F6, in space: the errors e of what a chain says of its tilt and height are AR(1) along the way,
+/// e_b = phi e_a + N(0, (1 - phi^2) diag(sigma^2)); without a: e_b ~ N(0, diag(sigma^2)).
+struct BoundedFactor {
+  int a = -1, b = 0;
+  int constants = 0;                    ///< whose third one is the height of the start
+  double phi = 0.0;
+  Eigen::Vector3d up_a, up_b;           ///< what the chain says is up, body frame of each node
+  double height_a = 0.0, height_b = 0.0;  ///< above the start of the chain, as it says [m]
+  Eigen::Vector3d information;          ///< of (roll, pitch, height); 0: not bounded
 };
 
 /// F2: T_node^-1 m = l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
@@ -53,10 +78,22 @@ struct AbsoluteFixFactor {
   typename G::PointCovariance covariance;
 };
 
+/// F4: where the observer sees the other's mark: T_o^-1 T_w q = z + N(0, S).
+template <class G>
+struct EncounterFactor {
+  int observer, other;
+  Key encounter;
+  typename G::Point mark;      ///< q, node frame of the other
+  typename G::Point position;  ///< z, node frame of the observer
+  typename G::PointCovariance covariance;
+};
+
 struct ChainSpan {
   ChainId chain;
   int first = 0, end = 0;  ///< its nodes; the first is the start of the epoch, index 0
   bool aligned = false;    ///< expressed in the common frame; else in a frame of its own
+  int constants = -1;      ///< of Problem::constants; -1: none
+  PersistentDrift persistent = {};
 };
 
 template <class G>
@@ -68,8 +105,28 @@ struct Problem {
   std::vector<DriftFactor<G>> drifts;
   std::vector<LandmarkFactor<G>> landmarks;
   std::set<Hash> placed_by;  ///< hypotheses that the start values of chains come from
+  std::vector<ConstantsFactor<G>> constants;
+  std::vector<BoundedFactor> bounded;
+  std::vector<EncounterFactor<G>> encounters;
   std::vector<AbsoluteFixFactor<G>> fixes;
   int datum = -1;  ///< node of T_enu_common, the last one, of no chain; -1: none
+
+  // Unknowns: nodes first, then points, then constants.
+  int unknown_of_point(int p) const { return static_cast<int>(nodes.size()) + p; }
+  int unknown_of_constants(int k) const { return static_cast<int>(nodes.size() + points.size()) + k; }
+};
+
+/// What stands between two states of a chain whose persistent drift is known.
+template <class G>
+DriftFactor<G> drift_between(const ChainState<G>& a, const ChainState<G>& b, const ChainSpan& span);
+/// `a` null: the start of the process.
+template <class G>
+BoundedFactor bounded_between(const ChainState<G>* a, const ChainState<G>& b, const ChainSpan& span);
+
+struct ProblemOptions {
+  VehicleId reference = 0;           ///< whose start is the common frame if no static bias is known
+  bool common_frame_is_enu = false;  ///< the common frame is that of the absolute fixes, and no datum is looked for
+  bool plain = false;                ///< F0, F1 and F2 alone: the paper's method knows no others
 };
 
 /// The common frame is the one of the static biases, if any is known. Else it is the start of `reference` (its first epoch
@@ -79,8 +136,10 @@ struct Problem {
 /// Absolute fixes add a datum T_enu_common (flat prior) once those of the common frame fix its yaw, and align every group
 /// of chains whose own fixes do so. With `common_frame_is_enu` there is no datum: chains are aligned by their fixes (or a static
 /// bias) alone, and nobody's start is the common frame.
+///
+/// A group of chains that nothing else aligns is aligned by its encounters with aligned chains, three or more of them from
+/// places far enough apart.
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, VehicleId reference = 0,
-                         bool common_frame_is_enu = false);
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options = {});
 
 }  // namespace convoy

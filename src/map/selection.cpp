@@ -149,19 +149,24 @@ bool passed(const ChainState<G>& first, const ChainState<G>& second) {
   return first.stamp_s <= second.stamp_s && first.abscissa_m <= second.abscissa_m;
 }
 
+// A state that is said to follow an anchor: absent if the anchor has not arrived, or if it lies before it or beyond the next.
+template <class G>
+bool in_place(const typename FactStore<G>::Chain& chain, std::uint32_t index, const ChainState<G>& state) {
+  const auto anchor = chain.anchors.find(index);
+  if (anchor == chain.anchors.end() || !passed(anchor->second.state, state)) return false;
+  const auto next = std::next(anchor);
+  return next == chain.anchors.end() || passed(state, next->second.state);
+}
+
 // One fix per chain and correlation time, the first by key, so that errors that hang together do not count twice
-// (DESIGN B7). One that contradicts the map is not replaced: its neighbours in time share its error. A fix whose anchor
-// has not arrived is absent, and so is one that lies before its anchor or beyond the next.
+// (DESIGN B7). One that contradicts the map is not replaced: its neighbours in time share its error.
 template <class G>
 std::vector<Key> thinned_fixes(const FactStore<G>& store, const SelectionParams& params, const Exclusions& excluded) {
   std::vector<Key> kept;
   for (const auto& [id, chain] : store.chains()) {
     std::set<double> taken_s;  // whatever the order of the stamps: their author need not be honest
     for (const auto& [index, fix] : chain.absolute_fixes) {
-      const auto anchor = chain.anchors.find(fix.anchor);
-      if (anchor == chain.anchors.end() || !passed(anchor->second.state, fix.state)) continue;
-      if (const auto next = std::next(anchor); next != chain.anchors.end() && !passed(fix.state, next->second.state))
-        continue;
+      if (!in_place<G>(chain, fix.anchor, fix.state)) continue;
       const double stamp_s = fix.state.stamp_s;
       const auto near = taken_s.upper_bound(stamp_s - params.fix_correlation_s);
       if (near != taken_s.end() && *near < stamp_s + params.fix_correlation_s) continue;
@@ -171,6 +176,27 @@ std::vector<Key> thinned_fixes(const FactStore<G>& store, const SelectionParams&
   }
   return kept;
 }
+
+// Encounters that the vehicle seen has answered; of several answers (it began a new epoch meanwhile) the first by key.
+template <class G>
+std::vector<SelectedEncounter> answered_encounters(const FactStore<G>& store, const Exclusions& excluded) {
+  std::map<Key, Key> answer_to;
+  for (const auto& [id, chain] : store.chains())
+    for (const auto& [index, waypoint] : chain.waypoints) {
+      const auto observer = store.chains().find(waypoint.encounter.chain);
+      if (observer == store.chains().end() || excluded.encounters.count(waypoint.encounter) != 0) continue;
+      const auto encounter = observer->second.encounters.find(waypoint.encounter.index);
+      if (encounter == observer->second.encounters.end() || encounter->second.other != id.vehicle) continue;
+      if (!in_place<G>(chain, waypoint.anchor, waypoint.state)) continue;
+      if (!in_place<G>(observer->second, encounter->second.anchor, encounter->second.state)) continue;
+      answer_to.try_emplace(waypoint.encounter, waypoint.key);
+    }
+  std::vector<SelectedEncounter> all;
+  for (const auto& [encounter, waypoint] : answer_to) all.push_back({encounter, waypoint});
+  return all;
+}
+
+void add(ContentHash& hash, const Key& key) { hash.add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4); }
 
 }  // namespace
 
@@ -426,10 +452,15 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
   ContentHash hash;
   for (const auto& members : selection.classes) {
     hash.add(static_cast<std::uint64_t>(members.size()), 4);
-    for (const Key& k : members) hash.add(k.chain.vehicle, 4).add(k.chain.epoch).add(k.index, 4);
+    for (const Key& k : members) add(hash, k);
   }
   selection.fixes = thinned_fixes(store, params_, excluded);
-  for (const Key& key : selection.fixes) hash.add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4);
+  for (const Key& key : selection.fixes) add(hash, key);
+  selection.encounters = answered_encounters(store, excluded);
+  for (const SelectedEncounter& e : selection.encounters) {
+    add(hash, e.encounter);
+    add(hash, e.waypoint);
+  }
   selection.digest = hash.value();
   return selection;
 }

@@ -23,9 +23,16 @@ struct SelectionParams {
   double separation = 0.9;       ///< a landmark leaves its class unless every other way fits this much worse, chi-square
   /// Errors of a receiver of absolute positions hang together for about this long: one fix per chain and time enters. [s]
   double fix_correlation_s = 60.0;
-  double fix_residual = 0.99;    ///< confidence beyond which a fix contradicts the map of all the others and is dropped
+  /// Confidence beyond which a fix or an encounter contradicts the map of all the others and is dropped.
+  double fix_residual = 0.99;
   bool common_frame_is_enu = false;  ///< the common frame is that of the absolute fixes, and no datum is looked for
   VehicleId reference = 0;       ///< whose start is the common frame if no static bias is known; 0: see build_problem()
+};
+
+/// An encounter and the waypoint of the other vehicle that answers it.
+struct SelectedEncounter {
+  Key encounter, waypoint;
+  auto operator<=>(const SelectedEncounter&) const = default;
 };
 
 template <class G>
@@ -33,15 +40,17 @@ struct Selection {
   std::vector<Hypothesis<G>> hypotheses;  ///< all stated ones: most pairings first, then by id
   std::vector<std::vector<Key>> classes;  ///< landmarks that are the same, two or more; sorted
   std::vector<Key> fixes;                 ///< absolute fixes that enter the map; sorted
-  Hash digest = 0;                        ///< of the classes and fixes
+  std::vector<SelectedEncounter> encounters;  ///< that enter the map; sorted
+  Hash digest = 0;                        ///< of the classes, fixes and encounters
 };
 
 /// What an earlier look at the map has shown not to fit.
 struct Exclusions {
   std::set<Hash> hypotheses;  ///< contradict the rest of the map
   std::set<Key> landmarks;    ///< fit another class better than the one their pairings put them into
-  std::set<Key> fixes;        ///< contradict the rest of the map
-  std::size_t size() const { return hypotheses.size() + landmarks.size() + fixes.size(); }
+  std::set<Key> fixes = {};       ///< contradict the rest of the map
+  std::set<Key> encounters = {};  ///< the same
+  std::size_t size() const { return hypotheses.size() + landmarks.size() + fixes.size() + encounters.size(); }
 };
 
 template <class G>

@@ -118,6 +118,14 @@ class BlockCholesky {
     return Eigen::Map<const Eigen::Matrix<double, Rows, Cols>>(at);
   }
 
+  /// The same for blocks of any size, by their numbers; (i, j) must be in the pattern.
+  Eigen::MatrixXd in_slot(const std::vector<double>& values, int i, int j) const {
+    const Slot at = slot(i, j);
+    const double* block = values.data() + at.offset;
+    if (at.transposed) return Eigen::Map<const Eigen::MatrixXd>(block, block_size(j), block_size(i)).transpose();
+    return Eigen::Map<const Eigen::MatrixXd>(block, block_size(i), block_size(j));
+  }
+
   /// Block (i, j) of H^-1, in time of the paths of i and j to the root of the elimination tree.
   Eigen::MatrixXd covariance(int i, int j) const;
   /// Covariance of several blocks stacked, each named once, in time of their paths to the root and the square of their rows.

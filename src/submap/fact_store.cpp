@@ -92,13 +92,21 @@ Insertion FactStore<G>::keep(Sequence<Fact> Chain::*sequence, FactKind kind, con
 }
 
 template <class G>
+Insertion FactStore<G>::check(const ChainState<G>& s) const {
+  Insertion ok = first_refusal(check_pose(s.pose, limits_), check_covariance(s.drift, limits_));
+  if (ok != Insertion::inserted) return ok;
+  if (!std::isfinite(s.stamp_s) || !std::isfinite(s.abscissa_m) || !s.heading_lever.allFinite()) return Insertion::not_finite;
+  // Metres driven, times how far away the place they were driven at is.
+  const double longest = limits_.max_coordinate_m, farthest = longest * longest;
+  const bool in_range = s.abscissa_m >= 0.0 && s.abscissa_m <= longest && s.heading_lever.cwiseAbs().maxCoeff() <= farthest;
+  return in_range ? Insertion::inserted : Insertion::out_of_range;
+}
+
+template <class G>
 Insertion FactStore<G>::check(const AnchorFact<G>& f) const {
   const auto& s = f.state;
-  Insertion ok = first_refusal(check(f.key), check_pose(s.pose, limits_), check_covariance(s.drift, limits_));
-  if (ok == Insertion::inserted && !(std::isfinite(s.stamp_s) && std::isfinite(s.abscissa_m))) ok = Insertion::not_finite;
-  if (ok == Insertion::inserted && (s.abscissa_m < 0.0 || s.abscissa_m > limits_.max_coordinate_m))
-    ok = Insertion::out_of_range;
-  const bool at_origin = s.abscissa_m == 0.0 && s.drift.isZero(0.0) && s.pose.Log().isZero(0.0);
+  Insertion ok = first_refusal(check(f.key), check(s));
+  const bool at_origin = s.abscissa_m == 0.0 && s.drift.isZero(0.0) && s.pose.Log().isZero(0.0) && s.heading_lever.isZero(0.0);
   if (ok == Insertion::inserted && f.key.index == 0 && !at_origin) ok = Insertion::malformed;
   const std::uint64_t end_landmark = std::uint64_t{f.first_landmark} + f.landmark_count;
   if (ok == Insertion::inserted && end_landmark > std::uint64_t{limits_.max_index} + 1) ok = Insertion::out_of_range;
@@ -146,7 +154,22 @@ Insertion FactStore<G>::check(const PriorFact<G>& f) const {
   if (ok == Insertion::inserted && f.key.index != 0) ok = Insertion::out_of_range;
   const bool empty = f.covariance.isZero(0.0) && f.mean.Log().isZero(0.0);
   if (ok == Insertion::inserted && !f.known && !empty) ok = Insertion::malformed;
-  return ok;
+  return first_refusal(ok, check(f.persistent));
+}
+
+// A scale that is off by its own size, or a heading that turns about within a metre, is no drift.
+template <class G>
+Insertion FactStore<G>::check(const PersistentDrift& p) const {
+  const std::array<double, 5> sigmas{p.scale, p.heading_rad_per_m, p.tilt_rad, p.height_m, p.correlation_m};
+  const auto all = [&](auto&& holds) { return std::all_of(sigmas.begin(), sigmas.end(), holds); };
+  if (!p.up.allFinite() || !all([](double s) { return std::isfinite(s); })) return Insertion::not_finite;
+  const bool in_range = p.scale <= 1.0 && p.heading_rad_per_m <= 1.0 && p.tilt_rad <= 1.0 && p.height_m <= limits_.max_sigma_m &&
+                        p.correlation_m <= limits_.max_coordinate_m;
+  if (!in_range || !all([](double s) { return s >= 0.0; })) return Insertion::out_of_range;
+  const bool complete = p.correlation_m > 0.0 && std::abs(p.up.norm() - 1.0) < 1e-6;
+  const bool empty = p.correlation_m == 0.0 && p.up.isZero(0.0);
+  if (p.bounded() ? G::Dim == 2 || !complete : !empty) return Insertion::malformed;
+  return Insertion::inserted;
 }
 
 template <class G>
@@ -178,13 +201,29 @@ Insertion FactStore<G>::insert(const VerdictFact& f) {
 
 template <class G>
 Insertion FactStore<G>::check(const AbsoluteFixFact<G>& f) const {
-  const auto& s = f.state;
-  Insertion ok = first_refusal(check(f.key), check_pose(s.pose, limits_), check_covariance(s.drift, limits_),
-                               check_covariance(f.covariance, limits_));
-  const bool finite = std::isfinite(s.stamp_s) && std::isfinite(s.abscissa_m) && f.lever.allFinite() && f.position.allFinite();
-  if (ok == Insertion::inserted && !finite) ok = Insertion::not_finite;
-  const double largest = std::max({s.abscissa_m, f.lever.cwiseAbs().maxCoeff(), f.position.cwiseAbs().maxCoeff()});
-  if (ok == Insertion::inserted && (s.abscissa_m < 0.0 || largest > limits_.max_coordinate_m || f.anchor > limits_.max_index))
+  Insertion ok = first_refusal(check(f.key), check(f.state), check_covariance(f.covariance, limits_));
+  if (ok == Insertion::inserted && !(f.lever.allFinite() && f.position.allFinite())) ok = Insertion::not_finite;
+  const double largest = std::max(f.lever.cwiseAbs().maxCoeff(), f.position.cwiseAbs().maxCoeff());
+  if (ok == Insertion::inserted && (largest > limits_.max_coordinate_m || f.anchor > limits_.max_index))
+    ok = Insertion::out_of_range;
+  return ok;
+}
+
+template <class G>
+Insertion FactStore<G>::check(const EncounterFact<G>& f) const {
+  Insertion ok = first_refusal(check(f.key), check(Key{{f.other, 0}, f.anchor}), check(f.state), check_covariance(f.covariance, limits_));
+  if (ok == Insertion::inserted && f.other == f.key.chain.vehicle) ok = Insertion::malformed;
+  if (ok == Insertion::inserted && !f.position.allFinite()) ok = Insertion::not_finite;
+  if (ok == Insertion::inserted && f.position.cwiseAbs().maxCoeff() > limits_.max_coordinate_m) ok = Insertion::out_of_range;
+  return ok;
+}
+
+template <class G>
+Insertion FactStore<G>::check(const WaypointFact<G>& f) const {
+  Insertion ok = first_refusal(check(f.key), check(f.encounter), check(f.state));
+  if (ok == Insertion::inserted && f.encounter.chain.vehicle == f.key.chain.vehicle) ok = Insertion::malformed;
+  if (ok == Insertion::inserted && !f.mark.allFinite()) ok = Insertion::not_finite;
+  if (ok == Insertion::inserted && (f.mark.cwiseAbs().maxCoeff() > limits_.max_coordinate_m || f.anchor > limits_.max_index))
     ok = Insertion::out_of_range;
   return ok;
 }
@@ -193,6 +232,22 @@ template <class G>
 Insertion FactStore<G>::insert(const AbsoluteFixFact<G>& f) {
   const Insertion result = keep(&Chain::absolute_fixes, FactKind::absolute_fix, f, check(f));
   if (result == Insertion::inserted) announce(f.key.chain, FactKind::anchor, f.anchor + 1);  // a lost anchor is asked for
+  return result;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const EncounterFact<G>& f) {
+  const Insertion result = keep(&Chain::encounters, FactKind::encounter, f, check(f));
+  if (result == Insertion::inserted) announce(f.key.chain, FactKind::anchor, f.anchor + 1);
+  return result;
+}
+
+template <class G>
+Insertion FactStore<G>::insert(const WaypointFact<G>& f) {
+  const Insertion result = keep(&Chain::waypoints, FactKind::waypoint, f, check(f));
+  if (result != Insertion::inserted) return result;
+  announce(f.key.chain, FactKind::anchor, f.anchor + 1);
+  announce(f.encounter.chain, FactKind::encounter, f.encounter.index + 1);  // so is a lost encounter
   return result;
 }
 
@@ -256,6 +311,8 @@ std::vector<IndexRange> FactStore<G>::missing(const ChainId& id, FactKind kind, 
     case FactKind::association: return holes(chain.associations, mark.high_water, max_ranges);
     case FactKind::verdict: return holes(chain.verdicts, mark.high_water, max_ranges);
     case FactKind::absolute_fix: return holes(chain.absolute_fixes, mark.high_water, max_ranges);
+    case FactKind::encounter: return holes(chain.encounters, mark.high_water, max_ranges);
+    case FactKind::waypoint: return holes(chain.waypoints, mark.high_water, max_ranges);
   }
   return {};
 }

@@ -64,6 +64,8 @@ class FactStore {
   Insertion insert(const AssociationFact& fact);
   Insertion insert(const VerdictFact& fact);
   Insertion insert(const AbsoluteFixFact<G>& fact);
+  Insertion insert(const EncounterFact<G>& fact);
+  Insertion insert(const WaypointFact<G>& fact);
 
   /// What insert() would say of the fact itself: `inserted`, or why it is refused.
   Insertion check(const AnchorFact<G>& fact) const;
@@ -72,6 +74,8 @@ class FactStore {
   Insertion check(const AssociationFact& fact) const;
   Insertion check(const VerdictFact& fact) const { return check(fact.key); }
   Insertion check(const AbsoluteFixFact<G>& fact) const;
+  Insertion check(const EncounterFact<G>& fact) const;
+  Insertion check(const WaypointFact<G>& fact) const;
 
   template <class Fact>
   using Sequence = std::map<std::uint32_t, Fact>;
@@ -84,6 +88,8 @@ class FactStore {
     Sequence<AssociationFact> associations;
     Sequence<VerdictFact> verdicts;
     Sequence<AbsoluteFixFact<G>> absolute_fixes;
+    Sequence<EncounterFact<G>> encounters;
+    Sequence<WaypointFact<G>> waypoints;
     std::map<std::uint32_t, std::vector<std::uint32_t>> batches;  ///< anchor -> its landmarks, ascending
     std::array<ChainMark, fact_kind_count> marks;
     bool equivocated = false;  ///< its author used a key twice
@@ -136,12 +142,16 @@ class FactStore {
     else if constexpr (std::is_same_v<Fact, PriorFact<G>>) return chain.priors;
     else if constexpr (std::is_same_v<Fact, AssociationFact>) return chain.associations;
     else if constexpr (std::is_same_v<Fact, VerdictFact>) return chain.verdicts;
-    else return chain.absolute_fixes;
+    else if constexpr (std::is_same_v<Fact, AbsoluteFixFact<G>>) return chain.absolute_fixes;
+    else if constexpr (std::is_same_v<Fact, EncounterFact<G>>) return chain.encounters;
+    else return chain.waypoints;
   }
   template <class Fact>
   Insertion keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check);
   Insertion count(Insertion result);
   Insertion check(const Key& key) const;
+  Insertion check(const ChainState<G>& state) const;
+  Insertion check(const PersistentDrift& persistent) const;
 
   FactLimits limits_;
   std::map<ChainId, Chain> chains_;

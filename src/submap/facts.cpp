@@ -18,6 +18,13 @@ void add(ContentHash& h, const std::vector<Pairing>& pairings) {
     for (const Key& k : {a, b}) h.add(k.chain.vehicle, 4).add(k.chain.epoch).add(k.index, 4);
 }
 
+template <class G>
+ContentHash& add(ContentHash& h, const ChainState<G>& s) {
+  h.add(s.stamp_s).add(s.abscissa_m);
+  add_group(h, s.pose);
+  return h.add(s.drift).add(s.heading_lever);
+}
+
 }  // namespace
 
 const char* to_string(FactKind kind) {
@@ -28,6 +35,8 @@ const char* to_string(FactKind kind) {
     case FactKind::association: return "association";
     case FactKind::verdict: return "verdict";
     case FactKind::absolute_fix: return "absolute_fix";
+    case FactKind::encounter: return "encounter";
+    case FactKind::waypoint: return "waypoint";
   }
   return "unknown";
 }
@@ -35,9 +44,7 @@ const char* to_string(FactKind kind) {
 template <class G>
 Hash hash_of(const AnchorFact<G>& f) {
   ContentHash h = start(FactKind::anchor, f.key);
-  h.add(f.state.stamp_s).add(f.state.abscissa_m);
-  add_group(h, f.state.pose);
-  return h.add(f.state.drift).add(f.first_landmark, 4).add(f.landmark_count, 4).value();
+  return add(h, f.state).add(f.first_landmark, 4).add(f.landmark_count, 4).value();
 }
 
 template <class G>
@@ -53,15 +60,29 @@ Hash hash_of(const PriorFact<G>& f) {
   ContentHash h = start(FactKind::prior, f.key);
   h.add(f.known ? 1U : 0U, 1);
   add_group(h, f.mean);
-  return h.add(f.covariance).value();
+  const PersistentDrift& p = f.persistent;
+  h.add(f.covariance).add(p.scale).add(p.heading_rad_per_m).add(p.tilt_rad).add(p.height_m).add(p.correlation_m);
+  return h.add(p.up).value();
 }
 
 template <class G>
 Hash hash_of(const AbsoluteFixFact<G>& f) {
   ContentHash h = start(FactKind::absolute_fix, f.key);
-  h.add(f.anchor, 4).add(f.state.stamp_s).add(f.state.abscissa_m);
-  add_group(h, f.state.pose);
-  return h.add(f.state.drift).add(f.lever).add(f.position).add(f.covariance).value();
+  return add(h.add(f.anchor, 4), f.state).add(f.lever).add(f.position).add(f.covariance).value();
+}
+
+template <class G>
+Hash hash_of(const EncounterFact<G>& f) {
+  ContentHash h = start(FactKind::encounter, f.key);
+  return add(h.add(f.anchor, 4), f.state).add(f.other, 4).add(f.position).add(f.covariance).value();
+}
+
+template <class G>
+Hash hash_of(const WaypointFact<G>& f) {
+  ContentHash h = start(FactKind::waypoint, f.key);
+  const Key& e = f.encounter;
+  add(h.add(f.anchor, 4), f.state).add(e.chain.vehicle, 4).add(e.chain.epoch).add(e.index, 4);
+  return h.add(f.mark).value();
 }
 
 Hash hash_of(const AssociationFact& f) {
@@ -92,7 +113,9 @@ std::vector<Pairing> canonical(std::vector<Pairing> pairings) {
   template Hash hash_of(const AnchorFact<G>&);   \
   template Hash hash_of(const LandmarkFact<G>&); \
   template Hash hash_of(const PriorFact<G>&);    \
-  template Hash hash_of(const AbsoluteFixFact<G>&);
+  template Hash hash_of(const AbsoluteFixFact<G>&); \
+  template Hash hash_of(const EncounterFact<G>&); \
+  template Hash hash_of(const WaypointFact<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -32,8 +32,17 @@ struct Key {
 };
 
 /// The kinds of fact, each with an index sequence of its own. The numbers are part of the wire format.
-enum class FactKind : std::uint8_t { anchor = 0, landmark = 1, prior = 2, association = 3, verdict = 4, absolute_fix = 5 };
-inline constexpr int fact_kind_count = 6;
+enum class FactKind : std::uint8_t {
+  anchor = 0,
+  landmark = 1,
+  prior = 2,
+  association = 3,
+  verdict = 4,
+  absolute_fix = 5,
+  encounter = 6,
+  waypoint = 7,
+};
+inline constexpr int fact_kind_count = 8;
 const char* to_string(FactKind kind);
 
 /// 64-bit content hash. The order-free sum of hashes is the digest of a set.
@@ -54,6 +63,24 @@ struct ChainState {
   double abscissa_m = 0.0;                             ///< curvilinear abscissa s since the epoch's start, >= 0
   G pose;                                              ///< X^: T_slam_body
   typename G::Covariance drift = G::Covariance::Zero();///< C, cumulative drift covariance (DESIGN eq. 2), slam frame
+  /// What a heading drift of 1 rad per metre would have amounted to by now: the sum of Ad_{X^} e_yaw ds, slam frame. Like C, it
+  /// lets anybody who holds two states know the effect in between (DESIGN B1.4). Zero if the chain states no such drift.
+  typename G::Tangent heading_lever = G::Tangent::Zero();
+};
+
+/// What is known beforehand of the errors of a SLAM that are no random walk (DESIGN B1.3, F5). Zero: there are none.
+struct PersistentDrift {
+  double scale = 0.0;              ///< standard deviation of kappa: true distances are (1 + kappa) times what was said
+  double heading_rad_per_m = 0.0;  ///< standard deviation of g: the true heading turns by g more per metre
+  /// In space only: components whose errors are bounded, since something (gravity, pressure) is measured all the time. Their
+  /// errors are an AR(1) process along the way, of this standard deviation and correlation exp(-ds / correlation_m); what the
+  /// drift of the chain says of them is not used.
+  double tilt_rad = 0.0;           ///< of roll and pitch each
+  double height_m = 0.0;           ///< of the height above the level of the chain's start
+  double correlation_m = 0.0;      ///< > 0 if one of them is bounded
+  Eigen::Vector3d up = Eigen::Vector3d::Zero();  ///< unit vector, slam frame; zero if none is bounded
+  bool bounded() const { return tilt_rad > 0.0 || height_m > 0.0; }
+  bool constant() const { return scale > 0.0 || heading_rad_per_m > 0.0; }
 };
 
 /// The anchor / bias node: index 0 is the epoch's start (identity, s = 0, C = 0).
@@ -91,6 +118,7 @@ struct PriorFact {
   bool known = false;                                        ///< false: mean is the identity, covariance zero
   G mean;                                                    ///< T_common_slam
   typename G::Covariance covariance = G::Covariance::Zero(); ///< of a right perturbation
+  PersistentDrift persistent = {};
 };
 
 /// "These landmarks are the same": which, never how well (DESIGN R2). Selection demands pairs between two batches.
@@ -119,6 +147,30 @@ struct AbsoluteFixFact {
   Key anchor_key() const { return {key.chain, anchor}; }
 };
 
+/// One vehicle saw another one (F4): where the other's mark was in the body frame of the observer. Where the other was then, by
+/// its own SLAM, only the other can say: see WaypointFact. An encounter without one waits.
+template <class G>
+struct EncounterFact {
+  Key key;                  ///< of the observer
+  std::uint32_t anchor = 0; ///< index of the observer's last anchor before it
+  ChainState<G> state;      ///< where the observer's SLAM said it was
+  VehicleId other = 0;      ///< who was seen; not the observer
+  typename G::Point position = G::Point::Zero();                        ///< of the other's mark, body frame of the observer [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< of position [m^2]
+  Key anchor_key() const { return {key.chain, anchor}; }
+};
+
+/// Where a vehicle's own SLAM said it was at the moment of an encounter in which it was the other.
+template <class G>
+struct WaypointFact {
+  Key key;
+  std::uint32_t anchor = 0;                    ///< index of the last anchor before it, same chain
+  ChainState<G> state;
+  Key encounter;                               ///< what it answers
+  typename G::Point mark = G::Point::Zero();   ///< what others see of this vehicle, body frame [m]
+  Key anchor_key() const { return {key.chain, anchor}; }
+};
+
 /// Content hashes: FNV-1a over the little-endian bytes of every field, key included, then mixed.
 template <class G>
 Hash hash_of(const AnchorFact<G>& fact);
@@ -128,6 +180,10 @@ template <class G>
 Hash hash_of(const PriorFact<G>& fact);
 template <class G>
 Hash hash_of(const AbsoluteFixFact<G>& fact);
+template <class G>
+Hash hash_of(const EncounterFact<G>& fact);
+template <class G>
+Hash hash_of(const WaypointFact<G>& fact);
 Hash hash_of(const AssociationFact& fact);
 Hash hash_of(const VerdictFact& fact);
 

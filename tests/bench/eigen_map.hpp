@@ -80,7 +80,7 @@ class ScalarEquations {
   double drift(std::size_t k, const std::vector<G>& poses, bool assemble) {  // F1
     const DriftFactor<G>& f = problem_.drifts[k];
     const Dof& W = drift_information_[k];
-    const auto [r, J_b, J_a] =
+    const auto [r, J_b, J_a, J_c] =
         DriftResidual<G>(f, poses[static_cast<std::size_t>(f.a)], poses[static_cast<std::size_t>(f.b)]);
     if (assemble) {
       add_block(node(f.a), node(f.a), Dof(J_a.transpose() * W * J_a));

@@ -126,6 +126,27 @@ TYPED_TEST_P(ExchangeContract, BothWays) {
   EXPECT_EQ(at_b[0].sender.vehicle, 1U);
 }
 
+TYPED_TEST_P(ExchangeContract, CarriesEncountersAndWaypointsToTheBit) {
+  using G = typename TypeParam::Group;
+  auto a = this->network_.join();
+  auto b = this->network_.join();
+  ASSERT_TRUE(this->network_.connect(2));
+  EncounterFact<G> encounter{{{1, 1}, 3}, 2, {1.0 / 3.0, 7.0, G::Exp(0.1 * G::Tangent::LinSpaced(1.0, 2.0))}, 2};
+  encounter.state.drift.setIdentity();
+  encounter.state.heading_lever = G::Tangent::LinSpaced(1.0, 1.0 / 3.0);
+  encounter.position = G::Point::LinSpaced(-7.0, 3.0);
+  encounter.covariance = 0.7 * G::PointCovariance::Identity();
+  const WaypointFact<G> waypoint{{{1, 1}, 4}, 2, encounter.state, {{2, 9}, 5}, G::Point::Constant(1.0 / 3.0)};
+  ASSERT_EQ(a->send({{1, 1}, encounter}), SendStatus::sent);
+  ASSERT_EQ(a->send({{1, 1}, waypoint}), SendStatus::sent);
+  int found = 0;
+  for (const auto& message : this->collect(*b, 2)) {
+    if (const auto* e = std::get_if<EncounterFact<G>>(&message.payload)) found += hash_of(*e) == hash_of(encounter);
+    if (const auto* w = std::get_if<WaypointFact<G>>(&message.payload)) found += hash_of(*w) == hash_of(waypoint);
+  }
+  EXPECT_EQ(found, 2);
+}
+
 TYPED_TEST_P(ExchangeContract, CarriesAbsoluteFixesToTheBit) {
   using G = typename TypeParam::Group;
   auto a = this->network_.join();
@@ -184,7 +205,7 @@ TYPED_TEST_P(ExchangeContract, APeerMayLeaveAtAnyTime) {
 }
 
 REGISTER_TYPED_TEST_SUITE_P(ExchangeContract, DeliversToEveryPeerAndNeverToOneself, KeepsTheOrderOfASender,
-                            TakeDoesNotBlockAndGivesAMessageOnce, BothWays, CarriesAbsoluteFixesToTheBit,
+                            TakeDoesNotBlockAndGivesAMessageOnce, BothWays, CarriesAbsoluteFixesToTheBit, CarriesEncountersAndWaypointsToTheBit,
                             CountsWhatIsSentAndTaken, LateJoinerGetsFactsWhereTheNetworkKeepsThem,
                             APeerMayLeaveAtAnyTime);
 

@@ -17,7 +17,7 @@ using Prior = PriorFact<SE2>;
 using Store = FactStore<SE2>;
 template <class G>
 using FactOf = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact,
-                            AbsoluteFixFact<G>>;
+                            AbsoluteFixFact<G>, EncounterFact<G>, WaypointFact<G>>;
 using Fact = FactOf<SE2>;
 
 inline constexpr Epoch epoch = 1700000000;
@@ -79,6 +79,18 @@ inline AbsoluteFixFact<SE2> absolute_fix(VehicleId vehicle, std::uint32_t index)
   return fact;
 }
 
+/// At an anchor, the next vehicle 7 m ahead.
+inline EncounterFact<SE2> encounter(VehicleId vehicle, std::uint32_t index) {
+  EncounterFact<SE2> fact{key_of(vehicle, index), index, anchor(vehicle, index).state, vehicle + 1, {7.0, 0.5}};
+  fact.covariance << 0.2, 0.05, 0.05, 0.1;
+  return fact;
+}
+
+/// What the next vehicle says to that.
+inline WaypointFact<SE2> waypoint(VehicleId vehicle, std::uint32_t index) {
+  return {key_of(vehicle, index), index, anchor(vehicle, index).state, key_of(vehicle - 1, index), {0.5, -0.25}};
+}
+
 /// All facts of one vehicle: `anchors` anchors with their landmarks, a prior, and for each anchor an association with
 /// the next vehicle's, the last of them vetoed.
 inline std::vector<Fact> chain_facts(VehicleId vehicle, std::uint32_t anchors) {
@@ -86,6 +98,8 @@ inline std::vector<Fact> chain_facts(VehicleId vehicle, std::uint32_t anchors) {
   for (std::uint32_t k = 0; k < anchors; ++k) {
     facts.emplace_back(anchor(vehicle, k));
     facts.emplace_back(absolute_fix(vehicle, k));
+    facts.emplace_back(encounter(vehicle, k));
+    if (vehicle > 1) facts.emplace_back(waypoint(vehicle, k));
     for (std::uint32_t i = 0; i < 4; ++i) facts.emplace_back(landmark(vehicle, 4 * k + i));
     facts.emplace_back(association(vehicle, k, pairings(vehicle, vehicle + 1, k, 3)));
   }

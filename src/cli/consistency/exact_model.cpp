@@ -3,6 +3,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/map/global_map.hpp>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -22,6 +23,54 @@ typename G::Tangent each(double translation, double rotation) {
   d.template tail<G::Dof - G::Dim>().setConstant(rotation);
   return d;
 }
+
+// Tilt and height of a SLAM that measures them all the time: AR(1) errors about the truth, whatever its drift says.
+template <class G>
+class BoundedErrors {
+ public:
+  BoundedErrors(const PersistentDrift& persistent, Draw& draw) : p_(persistent), draw_(draw) {}
+
+  void start(const G& T) {
+    if constexpr (G::Dim == 3) {
+      e_ = sigma().cwiseProduct(draw_.unit_normal<3>());
+      up_ = said_up(T);
+      start_m_ = T.translation().z() - e_.z();
+    }
+  }
+  const Eigen::Vector3d& up() const { return up_; }  ///< slam frame; zero: nothing is bounded
+
+  /// X, turned and lifted to where these errors put it.
+  G after(double ds_m, const G& X, const G& T) {
+    if constexpr (G::Dim == 3) {
+      const double phi = std::exp(-ds_m / p_.correlation_m);
+      e_ = phi * e_ + std::sqrt(1.0 - phi * phi) * sigma().cwiseProduct(draw_.unit_normal<3>());
+      const Eigen::Vector3d now = X.rotation().transpose() * up_;
+      const Eigen::Matrix3d turn = Eigen::Quaterniond::FromTwoVectors(said_up(T), now).toRotationMatrix();
+      const double height_m = T.translation().z() - start_m_ - e_.z();
+      const Eigen::Vector3d t = X.translation() + (height_m - up_.dot(X.translation())) * up_;
+      return G::from_rotation(X.rotation() * turn, t);
+    } else {
+      (void)T;
+      return X * G::Exp(0.0 * ds_m * G::Tangent::Zero());
+    }
+  }
+
+ private:
+  Eigen::Vector3d sigma() const { return {p_.tilt_rad, p_.tilt_rad, p_.height_m}; }
+  // What the SLAM takes for up, body frame: said x up = (e_x, e_y).
+  Eigen::Vector3d said_up(const G& T) const {
+    const Eigen::Vector3d up = T.rotation().transpose().col(2);
+    // d perpendicular to up, with (d x up) x up = -d.
+    Eigen::Vector3d d(-e_.x(), -e_.y(), 0.0);
+    d.z() = -(d.x() * up.x() + d.y() * up.y()) / up.z();
+    return (up + d.cross(up)).normalized();
+  }
+
+  const PersistentDrift& p_;
+  Draw& draw_;
+  Eigen::Vector3d e_ = Eigen::Vector3d::Zero(), up_ = Eigen::Vector3d::Zero();  // (tilt, tilt, height), slam frame
+  double start_m_ = 0.0;
+};
 
 template <class G>
 class ExactFleetMaker {
@@ -84,6 +133,14 @@ class ExactFleetMaker {
     }
     prior.covariance = sigma_start.cwiseAbs2().asDiagonal();
     prior.mean = T_start * G::Exp(-sigma_start.cwiseProduct(draw_.template unit_normal<G::Dof>()));
+    // What the SLAM does not know: scale and turning of its odometer, and what is up at its start.
+    const PersistentDrift& persistent = p_.persistent;
+    Eigen::Vector2d constants(persistent.scale, persistent.heading_rad_per_m);
+    if (persistent.constant()) constants = constants.cwiseProduct(draw_.template unit_normal<2>()).eval();
+    BoundedErrors<G> bounded(persistent, draw_);
+    if (persistent.bounded()) bounded.start(T_start);
+    prior.persistent = drift_params_.persistent;
+    prior.persistent.up = bounded.up();
     insert(prior);
     insert(AnchorFact<G>{origin, {}});
     TrueTrack<G> track{chain(v), prior, {}};
@@ -102,8 +159,10 @@ class ExactFleetMaker {
         const typename G::Tangent variance =
             p_.noise * p_.noise * sub_step_m * each<G>(p_.drift_m2_per_m, p_.drift_rad2_per_m);
         const typename G::Tangent eta = variance.cwiseSqrt().cwiseProduct(draw_.template unit_normal<G::Dof>());
-        X = X * (T.inverse() * T_next) * G::Exp(eta).inverse();
+        const G motion = T.inverse() * T_next * G::Exp(eta).inverse();
+        X = X * motion * G::Exp(effect_of(constants, motion)).inverse();
         T = T_next;
+        if (persistent.bounded()) X = bounded.after(sub_step_m, X, T);
         const typename G::Adjoint Ad = X.adjoint();
         const typename G::Covariance S = (0.5 * variance).asDiagonal();
         slam_drift += Ad * S * Ad.transpose();
@@ -113,6 +172,14 @@ class ExactFleetMaker {
       next_landmark = close_batch(v, k, state, T, next_landmark);
     }
     fleet_.tracks.push_back(std::move(track));
+  }
+
+  // A c of F1, over a step so short that it is straight.
+  static typename G::Tangent effect_of(const Eigen::Vector2d& constants, const G& motion) {
+    typename G::Tangent d = G::Tangent::Zero();
+    d.template head<G::Dim>() = constants[0] * (motion.rotation().transpose() * motion.translation());
+    d[G::Dof - 1] = constants[1] * sub_step_m;
+    return d;
   }
 
   std::uint32_t close_batch(int v, int k, const ChainState<G>& state, const G& T, std::uint32_t first) {
@@ -209,6 +276,7 @@ DriftParams<G> matching_drift(const ExactModelParams& p, DriftModel model) {
   drift.landmark_inflation = 1.0;
   const double share = model == DriftModel::local ? 0.5 : 1.0;
   drift.rate = share * p.noise * p.noise * each<G>(p.drift_m2_per_m, p.drift_rad2_per_m);
+  if (model == DriftModel::local) drift.persistent = p.persistent;
   return drift;
 }
 
@@ -220,7 +288,7 @@ ExactFleet<G> draw_exact_fleet(const ExactModelParams& params, const DriftParams
 template <class G>
 RunSample judge_stated(const ExactFleet<G>& fleet, const Backend<G>& backend) {
   const Selection<G> selection = select(fleet.store, SelectionParams{});
-  const auto map = backend.solve(build_problem(fleet.store, selection));
+  const auto map = backend.solve(build_problem<G>(fleet.store, selection, {0, false, !backend.takes_every_factor()}));
   RunSample sample = judge(*map, fleet.tracks);
   count_sets(fleet, selection, sample);
   return sample;

@@ -31,11 +31,12 @@ struct ExactModelParams {
   std::size_t max_batch = 14;
   double start_sigma_m = 9.0, start_sigma_rad = 0.3;  ///< static bias of all vehicles but the first (the 22 m circle)
   double gap_m = 20.0;             ///< each vehicle starts this far ahead of the one before
+  PersistentDrift persistent;      ///< constants are drawn once per vehicle; in space, tilt and height may be bounded (`up` is set)
   int aliases = 0;        ///< stretches of the street that look exactly like another one, and are stated to be it
   int alias_places = 1;   ///< neighbouring anchors that each such stretch covers, so that its false sets agree
 };
 
-/// The rates that describe this drift. Local: half is known to the SLAM. Literal: all of it, since the literal model takes
+/// The rates and constants that describe this drift. Local: half is known to the SLAM. Literal: all of it, since the literal model takes
 /// nothing from the SLAM.
 template <class G>
 DriftParams<G> matching_drift(const ExactModelParams& params, DriftModel model);

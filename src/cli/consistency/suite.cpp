@@ -98,6 +98,7 @@ class Suite {
     control(dim + " covariance x 0.7", exact_verdict(low));
     control(dim + " covariance x 1.5", exact_verdict(high));
     exact_baselines<G>(dim);
+    persistent_part<G>(dim);
     far_with_full_drift<G>(dim);
   }
 
@@ -160,6 +161,39 @@ class Suite {
       for (auto& track : draw_exact_fleet(params, local, result_.calibration_seed, run).tracks) tracks.push_back(std::move(track));
     row("literal, fitted noise, sparse map", exact_samples(params, fit_literal(tracks), SparseMap<G>()),
         "The additive bias with the constant covariance that fits 40 other runs of this very path best.");
+  }
+
+  // Errors that are no random walk: constants that the map estimates, and in space components that are bounded. Whoever does not
+  // say that they are there must fail.
+  template <class G>
+  void persistent_part(const std::string& dim) {
+    ExactModelParams params;
+    params.persistent.scale = 0.01;
+    params.persistent.heading_rad_per_m = 3e-4;
+    persistent_rows<G>(dim, params, "1 % scale and 0.3 mrad/m yaw", "its odometer's scale and turning are estimated");
+    if (G::Dim == 2) return;
+    params.persistent = {};
+    params.persistent.tilt_rad = 0.01;
+    params.persistent.height_m = 0.3;
+    params.persistent.correlation_m = 50.0;
+    persistent_rows<G>(dim, params, "tilt and height bounded", "what is up and how high it is is measured all the time");
+  }
+
+  template <class G>
+  void persistent_rows(const std::string& dim, const ExactModelParams& params, const std::string& words, const char* remark) {
+    const std::string scenario = scenario_of(params) + ", " + words;
+    DriftParams<G> drift = matching_drift<G>(params, DriftModel::local);
+    const Summary told = summarise(exact_samples(params, drift, SparseMap<G>()), G::Dof, 1.0, seed());
+    add({"local, sparse map", G::Dim, "exact model", scenario, told, true, std::string("Told: ") + remark + "."});
+    drift.persistent = {};
+    const Summary untold = summarise(exact_samples(params, drift, SparseMap<G>()), G::Dof, 1.0, seed());
+    add({"local, persistent drift untold", G::Dim, "exact model", scenario, untold, false, "Taken for a random walk."});
+    const ExactVerdict v = exact_verdict({told});
+    result_.demands.push_back({dim + " exact model, " + words + ": ANEES in the 95 % band, coverage",
+                               ">= 90 % of the steps, 93 to 97 %",
+                               percent(v.steps_in_band) + ", " + interval_words(told) + ", coverage " + percent(v.coverage95),
+                               v.consistent(), true, ""});
+    control(dim + " " + words + ", untold", exact_verdict({untold}));
   }
 
   template <class G>

@@ -85,8 +85,9 @@ void read_measurements(const fs::path& file, const SubjectOfBarcode& subjects, d
     const auto subject = subjects.find(table.small_number(1));
     const double range_m = table.number(2), bearing_rad = table.number(3);
     if (range_m <= 0.0) table.refuse("the range must be above 0");
-    if (subject == subjects.end()) ++log.dropped_unknown_sightings;
-    else if (!is_landmark(subject->second)) ++log.dropped_robot_sightings;
+    if (subject == subjects.end() || subject->second == log.id) ++log.dropped_unknown_sightings;  // none sees itself
+    else if (!is_landmark(subject->second))
+      log.sensors.push_back(SensorEvent::encounter(stamp_s, subject->second, range_m, bearing_rad));
     else log.sensors.push_back(SensorEvent::sighting(stamp_s, subject->second, range_m, bearing_rad));
   }
 }

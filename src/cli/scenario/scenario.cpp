@@ -29,7 +29,6 @@ StaticPrior prior_from_json(const nlohmann::json& json) {
 VehicleLog read_vehicle(const fs::path& run_folder, const nlohmann::json& json) {
   VehicleLog vehicle;
   vehicle.id = json.at("id");
-  vehicle.dropped_robot_sightings = json.at("dropped_robot_sightings");
   vehicle.dropped_unknown_sightings = json.at("dropped_unknown_sightings");
   if (json.contains("prior")) vehicle.prior = prior_from_json(json.at("prior"));
   vehicle.sensors = read_sensors(vehicle_folder(run_folder, vehicle.id) / "sensors.csv");
@@ -62,7 +61,7 @@ void write_sensors(const fs::path& file, const std::vector<SensorEvent>& sensors
       text += ",fix,";
       append_csv_row(text, event.east_m, event.north_m, event.sigma_m);
     } else {
-      text += ",sighting,";
+      text += event.kind == SensorEvent::Kind::encounter ? ",encounter," : ",sighting,";
       append_csv_row(text, event.track, event.range_m, event.bearing_rad);
     }
   }
@@ -83,8 +82,12 @@ std::vector<SensorEvent> read_sensors(const fs::path& file) {
     } else if (table.text(1) == "fix") {
       sensors.push_back(SensorEvent::fix(t_s, table.number(2), table.number(3), table.number(4)));
       if (sensors.back().sigma_m <= 0.0) table.refuse("the sigma of a fix must be above 0");
+    } else if (table.text(1) == "encounter") {
+      sensors.push_back(SensorEvent::encounter(t_s, table.small_number(2), table.number(3), table.number(4)));
+      if (sensors.back().range_m <= 0.0) table.refuse("the range of an encounter must be above 0");
+      if (sensors.back().track == 0) table.refuse("vehicle ids are 1 or more");
     } else {
-      table.refuse("the kind is '" + std::string(table.text(1)) + "'; it must be odometry, sighting or fix");
+      table.refuse("the kind is '" + std::string(table.text(1)) + "'; it must be odometry, sighting, fix or encounter");
     }
   }
   return sensors;
@@ -134,7 +137,6 @@ void Scenario::write(const fs::path& run_folder) const {
   for (const VehicleLog& vehicle : vehicles) {
     nlohmann::json entry = {{"id", vehicle.id},
                             {"has_truth", !vehicle.truth.empty()},
-                            {"dropped_robot_sightings", vehicle.dropped_robot_sightings},
                             {"dropped_unknown_sightings", vehicle.dropped_unknown_sightings}};
     if (vehicle.prior) entry["prior"] = prior_to_json(*vehicle.prior);
     json["vehicles"].push_back(std::move(entry));

@@ -8,6 +8,7 @@
 //                                  odometry  v_m_s, omega_rad_s, (empty)
 //                                  sighting  track, range_m, bearing_rad
 //                                  fix       east_m, north_m, sigma_m     of the receiver's antenna (GPS)
+//                                  encounter vehicle, range_m, bearing_rad   of another vehicle
 #pragma once
 
 #include <convoy/geometry/se2.hpp>
@@ -22,14 +23,14 @@ namespace convoy::cli {
 
 /// One reading. Times count from the start of the scenario, the same for all vehicles. [s]
 struct SensorEvent {
-  enum class Kind : std::uint8_t { odometry, sighting, fix };
+  enum class Kind : std::uint8_t { odometry, sighting, fix, encounter };
   double t_s = 0.0;
   Kind kind = Kind::odometry;
   // odometry: the body velocity from t_s until the next odometry event
   double v_m_s = 0.0;        ///< forward speed [m/s]
   double omega_rad_s = 0.0;  ///< yaw rate, left positive [rad/s]
-  // sighting: one landmark in one image
-  std::uint32_t track = 0;   ///< what the tracker calls the landmark; means nothing to any other vehicle
+  // sighting: one landmark in one image; encounter: another vehicle
+  std::uint32_t track = 0;   ///< what the tracker calls the landmark; means nothing to any other vehicle; or the vehicle's id
   double range_m = 0.0;      ///< > 0 [m]
   double bearing_rad = 0.0;  ///< from straight ahead, left positive [rad]
   // fix: where a receiver of absolute positions says that its antenna is
@@ -45,6 +46,9 @@ struct SensorEvent {
   }
   static SensorEvent fix(double t_s, double east_m, double north_m, double sigma_m) {
     return {t_s, Kind::fix, 0.0, 0.0, 0, 0.0, 0.0, east_m, north_m, sigma_m};
+  }
+  static SensorEvent encounter(double t_s, VehicleId vehicle, double range_m, double bearing_rad) {
+    return {t_s, Kind::encounter, 0.0, 0.0, vehicle, range_m, bearing_rad};
   }
   bool operator==(const SensorEvent&) const = default;
 };
@@ -74,7 +78,6 @@ struct VehicleLog {
   std::vector<SensorEvent> sensors;  ///< by time; odometry before sightings of the same time
   std::vector<TruthPose> truth;      ///< by time; empty if unknown
   std::optional<StaticPrior> prior;
-  std::uint64_t dropped_robot_sightings = 0;    ///< sightings of other vehicles, which are not landmarks
   std::uint64_t dropped_unknown_sightings = 0;  ///< sightings whose code belongs to nothing
 };
 

@@ -37,9 +37,9 @@ TEST(Mrclam, LoadsAndCountsWhatItDrops) {
   // Time zero is the first odometry of all robots (1000.25); at equal times odometry comes first; stamps are sorted.
   const std::vector<SensorEvent> expected{SensorEvent::odometry(0.25, 0.1, 0.0), SensorEvent::odometry(0.35, 0.3, 0.0),
                                           SensorEvent::sighting(0.35, 6, 2.5, 0.1),
+                                          SensorEvent::encounter(0.35, 2, 1.0, 0.0),
                                           SensorEvent::odometry(0.45, 0.1, 0.2)};
   EXPECT_EQ(one.sensors, expected);
-  EXPECT_EQ(one.dropped_robot_sightings, 1U);
   EXPECT_EQ(one.dropped_unknown_sightings, 1U);
   EXPECT_EQ(one.truth.front().t_s, -1.25);
   EXPECT_FALSE(one.prior);
@@ -113,11 +113,11 @@ TEST(MrclamRecording, WithPoseTruthIsLoadedWhole) {
   for (const TruthLandmark& l : scenario.landmarks) place[l.id] = l.p_world_m;
   std::vector<double> range_errors;
   for (const VehicleLog& log : scenario.vehicles) {
-    dropped += log.dropped_robot_sightings + log.dropped_unknown_sightings;
+    dropped += log.dropped_unknown_sightings;
     EXPECT_FALSE(log.truth.empty());
     for (const SensorEvent& event : log.sensors) {
+      sightings += event.kind == SensorEvent::Kind::sighting || event.kind == SensorEvent::Kind::encounter;
       if (event.kind != SensorEvent::Kind::sighting) continue;
-      ++sightings;
       if (const auto T = truth_at(log.truth, event.t_s))
         range_errors.push_back(std::abs(event.range_m - (place.at(event.track) - T->translation()).norm()));
     }

@@ -105,6 +105,20 @@ TEST_F(VehicleTest, AbsoluteFixesBecomeFactsAndUnfitOnesAreCounted) {
   EXPECT_EQ(vehicle().snapshot().submaps.facts_published, published + 1);
 }
 
+TEST_F(VehicleTest, EncountersBecomeFactsAndUnfitOnesAreCounted) {
+  const SE2::PointCovariance metre = SE2::PointCovariance::Identity();
+  EXPECT_FALSE(vehicle().feed_encounter(7, {5.0, 1.0}, metre)) << "unconfigured";
+  vehicle().configure();
+  close_segment();
+  const auto published = vehicle().snapshot().submaps.facts_published;
+  EXPECT_TRUE(vehicle().feed_encounter(7, {5.0, 1.0}, metre));
+  EXPECT_FALSE(vehicle().feed_encounter(7, {5.0, NAN}, metre));
+  EXPECT_FALSE(vehicle().feed_encounter(params_.id, {5.0, 1.0}, metre)) << "itself";
+  const auto snapshot = vehicle().snapshot();
+  EXPECT_EQ(snapshot.submaps.facts_published, published + 1);
+  EXPECT_EQ(snapshot.submaps.facts_unfit, 2U);
+}
+
 /// Knows where it is by landmarks that it has exported.
 class RemembersWhatHasLeft final : public FrontEnd<SE2> {
  public:

@@ -66,6 +66,8 @@ class Peer {
   void handle(const AssociationFact& f, double) { keep(FactKind::association, f); }
   void handle(const VerdictFact& f, double) { keep(FactKind::verdict, f); }
   void handle(const AbsoluteFixFact<SE2>& f, double) { keep(FactKind::absolute_fix, f); }
+  void handle(const EncounterFact<SE2>& f, double) { keep(FactKind::encounter, f); }
+  void handle(const WaypointFact<SE2>& f, double) { keep(FactKind::waypoint, f); }
   void handle(const LivePose<SE2>&, double) {}
   void handle(const Request& request, double now_s) { repair_.on_request(store, request, now_s); }
   void handle(const Digest& digest, double) { repair_.on_digest(store, digest); }

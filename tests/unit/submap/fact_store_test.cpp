@@ -345,7 +345,10 @@ TEST(FactStore, EveryKindHasGapsOfItsOwn) {
     EXPECT_EQ(store.missing_count(), static_cast<std::uint64_t>(kind + 1));
   }
   for (const auto& fact : test::chain_facts(1, 1)) test::insert(store, fact);
-  EXPECT_EQ(store.missing_count(), 0U);
+  EXPECT_EQ(store.missing_count(), 1U) << "vehicle 1 was seen by nobody";
+  store.insert(WaypointFact<SE2>{key_of(1, 0), 0, {}, key_of(2, 0)});
+  EXPECT_EQ(store.missing(chain_of(1), FactKind::waypoint), std::vector<IndexRange>{});
+  EXPECT_EQ(store.missing_count(), 1U) << "the encounter that it answers";
 }
 
 TEST(FactStore, AnnouncementsOfStrangersOrBeyondTheLimitsChangeNothing) {
@@ -420,6 +423,40 @@ TEST(FactStore, RefusesAbsoluteFixesThatCannotBe) {
   EXPECT_EQ(store.insert(good), Insertion::duplicate);
   EXPECT_EQ(store.missing(good.key.chain, FactKind::anchor), (std::vector<IndexRange>{{0, 3}})) << "its anchor is known to exist";
   EXPECT_EQ(store.missing(good.key.chain, FactKind::absolute_fix), (std::vector<IndexRange>{{0, 2}}));
+}
+
+TEST(FactStore, RefusesEncountersAndWaypointsThatCannotBe) {
+  test::Store store;
+  const auto encounter = [&](auto spoil) {
+    EncounterFact<SE2> fact = test::encounter(3, 2);
+    spoil(fact);
+    return store.check(fact);
+  };
+  EXPECT_EQ(encounter([](auto& f) { f.other = 3; }), Insertion::malformed) << "of itself";
+  EXPECT_EQ(encounter([](auto& f) { f.other = 0; }), Insertion::malformed) << "of nobody";
+  EXPECT_EQ(encounter([](auto& f) { f.position[0] = NAN; }), Insertion::not_finite);
+  EXPECT_EQ(encounter([](auto& f) { f.state.heading_lever[0] = INFINITY; }), Insertion::not_finite);
+  EXPECT_EQ(encounter([](auto& f) { f.state.heading_lever[0] = 1e16; }), Insertion::out_of_range);
+  EXPECT_EQ(encounter([](auto& f) { f.covariance(0, 0) = -1.0; }), Insertion::not_covariance);
+  EXPECT_EQ(encounter([](auto& f) { f.position[1] = 1e7; }), Insertion::out_of_range);
+  EXPECT_EQ(encounter([](auto& f) { f.anchor = 0xffffffffU; }), Insertion::out_of_range);
+  const auto waypoint = [&](auto spoil) {
+    WaypointFact<SE2> fact = test::waypoint(3, 2);
+    spoil(fact);
+    return store.check(fact);
+  };
+  EXPECT_EQ(waypoint([](auto& f) { f.encounter.chain.vehicle = 3; }), Insertion::malformed) << "its own encounter";
+  EXPECT_EQ(waypoint([](auto& f) { f.encounter.chain.vehicle = 0; }), Insertion::malformed);
+  EXPECT_EQ(waypoint([](auto& f) { f.mark[0] = NAN; }), Insertion::not_finite);
+  EXPECT_EQ(waypoint([](auto& f) { f.mark[0] = 1e7; }), Insertion::out_of_range);
+  EXPECT_EQ(waypoint([](auto& f) { f.anchor = 0xffffffffU; }), Insertion::out_of_range);
+  EXPECT_EQ(waypoint([](auto& f) { f.encounter.index = 0xffffffffU; }), Insertion::out_of_range);
+  FactLimits limits;
+  limits.roster = {1, 2, 3};
+  EXPECT_EQ(test::Store(limits).check(test::encounter(3, 2)), Insertion::unknown_vehicle) << "4 is not on the roster";
+  EXPECT_EQ(store.insert(test::waypoint(3, 2)), Insertion::inserted);
+  EXPECT_EQ(store.missing(test::chain_of(3), FactKind::anchor), (std::vector<IndexRange>{{0, 3}}));
+  EXPECT_EQ(store.missing(test::chain_of(2), FactKind::encounter), (std::vector<IndexRange>{{0, 3}})) << "what it answers is known to exist";
 }
 
 }  // namespace

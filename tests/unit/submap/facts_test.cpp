@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <functional>
 #include <set>
 
 namespace convoy {
@@ -24,7 +25,7 @@ TEST(FactHash, IsTheOneOfTheWireFormat) {
   anchor.state.drift = Eigen::Vector3d(0.25, 0.5, 0.125).asDiagonal();
   anchor.first_landmark = 17;
   anchor.landmark_count = 3;
-  EXPECT_EQ(hash_of(anchor), 0x17f8851ad1dae6U);
+  EXPECT_EQ(hash_of(anchor), 0xa6ce95f65d03dd30U);
 
   LandmarkFact<SE2> landmark;
   landmark.key = {chain, 9};
@@ -38,7 +39,7 @@ TEST(FactHash, IsTheOneOfTheWireFormat) {
 
   PriorFact<SE2> prior{{chain, 0}, true, SE2(1.0, 2.0, 0.25)};
   prior.covariance = Eigen::Vector3d(4.0, 4.0, 0.25).asDiagonal();
-  EXPECT_EQ(hash_of(prior), 0x7a2766e1db872e71U);
+  EXPECT_EQ(hash_of(prior), 0xb170661fe86648d9U);
   EXPECT_EQ(hash_of(AssociationFact{{chain, 1}, one_pair}), 0x181903a7d870f349U);
   EXPECT_EQ(hypothesis_id(one_pair), 0x1ccc7591ab9cbc8fU);
   EXPECT_EQ(hash_of(VerdictFact{{chain, 2}, hypothesis_id(one_pair), true}), 0xc16e2c3a87291bb1U);
@@ -52,7 +53,7 @@ TEST(FactHash, IsTheOneOfTheWireFormatInSpace) {
   anchor.state.drift.diagonal() << 0.25, 0.5, 0.125, 0.0625, 1.0, 2.0;
   anchor.first_landmark = 17;
   anchor.landmark_count = 3;
-  EXPECT_EQ(hash_of(anchor), 0xc27e3827adeb44bU);
+  EXPECT_EQ(hash_of(anchor), 0x755f0782c308e9ceU);
 
   LandmarkFact<SE3> landmark;
   landmark.key = {chain, 9};
@@ -66,7 +67,7 @@ TEST(FactHash, IsTheOneOfTheWireFormatInSpace) {
 
   PriorFact<SE3> prior{{chain, 0}, true, SE3({1.0, 0.0, 0.0, 0.0}, {1.0, 2.0, 3.0})};
   prior.covariance.diagonal() << 4.0, 4.0, 4.0, 0.25, 0.25, 0.25;
-  EXPECT_EQ(hash_of(prior), 0x3c1e338609fdfa69U);
+  EXPECT_EQ(hash_of(prior), 0xc01ee844b1b990a6U);
 }
 
 /// Applies each change to a copy of `original`: every hash must differ from every other.
@@ -174,6 +175,7 @@ TEST(FactHash, OfAnAbsoluteFixCoversEveryField) {
   spoilt([](auto& f) { f.state.abscissa_m += 1e-9; });
   spoilt([](auto& f) { f.state.pose = f.state.pose * SE2(0.0, 0.0, 1e-9); });
   spoilt([](auto& f) { f.state.drift(2, 2) += 1e-9; });
+  spoilt([](auto& f) { f.state.heading_lever[1] += 1e-9; });
   for (int i = 0; i < 2; ++i) {
     spoilt([i](auto& f) { f.lever[i] += 1e-9; });
     spoilt([i](auto& f) { f.position[i] += 1e-9; });
@@ -181,6 +183,41 @@ TEST(FactHash, OfAnAbsoluteFixCoversEveryField) {
   }
   spoilt([](auto& f) { f.covariance(0, 1) += 1e-9; });
   EXPECT_EQ(hash_of(good), hash_of(test::absolute_fix(3, 2)));
+}
+
+template <class Fact>
+void expect_every_change_shows(const Fact& good, const std::vector<std::function<void(Fact&)>>& changes) {
+  std::set<Hash> hashes{hash_of(good)};
+  for (const auto& change : changes) {
+    Fact fact = good;
+    change(fact);
+    EXPECT_TRUE(hashes.insert(hash_of(fact)).second);
+  }
+}
+
+TEST(FactHash, OfAnEncounterAndOfAWaypointCoversEveryField) {
+  using Encounter = EncounterFact<SE2>;
+  expect_every_change_shows<Encounter>(
+      test::encounter(3, 2), {[](Encounter& f) { ++f.key.index; }, [](Encounter& f) { ++f.anchor; },
+                              [](Encounter& f) { f.state.stamp_s += 1e-9; }, [](Encounter& f) { ++f.other; },
+                              [](Encounter& f) { f.position[0] += 1e-9; }, [](Encounter& f) { f.position[1] += 1e-9; },
+                              [](Encounter& f) { f.covariance(0, 0) += 1e-9; }, [](Encounter& f) { f.covariance(0, 1) += 1e-9; },
+                              [](Encounter& f) { f.covariance(1, 1) += 1e-9; }});
+  using Waypoint = WaypointFact<SE2>;
+  expect_every_change_shows<Waypoint>(
+      test::waypoint(3, 2), {[](Waypoint& f) { ++f.key.index; }, [](Waypoint& f) { ++f.anchor; },
+                             [](Waypoint& f) { f.state.abscissa_m += 1e-9; }, [](Waypoint& f) { ++f.encounter.index; },
+                             [](Waypoint& f) { ++f.encounter.chain.vehicle; }, [](Waypoint& f) { ++f.encounter.chain.epoch; },
+                             [](Waypoint& f) { f.mark[0] += 1e-9; }, [](Waypoint& f) { f.mark[1] += 1e-9; }});
+}
+
+TEST(FactHash, OfAPriorCoversItsPersistentDrift) {
+  using Prior = PriorFact<SE3>;
+  expect_every_change_shows<Prior>(
+      {test::key_of(3, 0), false, SE3()}, {[](Prior& f) { f.persistent.scale = 0.01; }, [](Prior& f) { f.persistent.heading_rad_per_m = 0.01; },
+                             [](Prior& f) { f.persistent.tilt_rad = 0.01; }, [](Prior& f) { f.persistent.height_m = 0.01; },
+                             [](Prior& f) { f.persistent.correlation_m = 0.01; }, [](Prior& f) { f.persistent.up[0] = 0.01; },
+                             [](Prior& f) { f.persistent.up[2] = 0.01; }});
 }
 
 }  // namespace
