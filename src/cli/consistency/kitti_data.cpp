@@ -106,6 +106,21 @@ Recording<SE3> recording_of(const std::string& name, const std::vector<FramePose
   return recording;
 }
 
+LateralSense lateral_sense(const G2oFile& graph, const std::vector<FramePose>& truth) {
+  double said = 0.0, said_turn = 0.0, true_y = 0.0, true_turn = 0.0;
+  for (const G2oFile::Edge& edge : graph.edges) {
+    if (edge.to != edge.from + 1 || static_cast<std::size_t>(edge.to) >= truth.size()) continue;
+    const auto pose = [&](int frame) { return on_plane(truth[static_cast<std::size_t>(frame)].T_start_body); };
+    const SE2 T = pose(edge.from).inverse() * pose(edge.to);
+    said += edge.measured[2] * edge.measured[1];
+    said_turn += edge.measured[2] * edge.measured[2];
+    true_y += T.theta() * T.translation().y();
+    true_turn += T.theta() * T.theta();
+  }
+  if (!(said_turn > 0.0) || !(true_turn > 0.0)) return {};
+  return {said / said_turn, true_y / true_turn};
+}
+
 Recording<SE2> odometry_of(const std::string& name, const G2oFile& graph, const std::string& file_name,
                            const std::vector<FramePose>& truth) {
   for (std::size_t k = 0; k < graph.vertices.size(); ++k)
@@ -115,6 +130,7 @@ Recording<SE2> odometry_of(const std::string& name, const G2oFile& graph, const 
   std::vector<const G2oFile::Edge*> next(graph.vertices.size(), nullptr);
   for (const G2oFile::Edge& edge : graph.edges)
     if (edge.to == edge.from + 1) next[static_cast<std::size_t>(edge.from)] = &edge;
+  const double left = lateral_sense(graph, truth).mirrored() ? -1.0 : 1.0;
   Recording<SE2> recording;
   recording.name = name;
   SE2 pose;
@@ -124,7 +140,7 @@ Recording<SE2> odometry_of(const std::string& name, const G2oFile& graph, const 
     if (!next[k])
       throw ConfigError(file_name + ": no edge from vertex " + std::to_string(k) + " to the next one; the odometry is cut");
     const std::vector<double>& z = next[k]->measured;
-    pose = pose * SE2(z[0], z[1], z[2]);
+    pose = pose * SE2(z[0], left * z[1], z[2]);
   }
   return recording;
 }

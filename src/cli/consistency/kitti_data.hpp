@@ -40,8 +40,16 @@ struct Recording {
 Recording<SE3> recording_of(const std::string& name, const std::vector<FramePose>& estimate,
                             const std::vector<FramePose>& truth, double scale_over_m);
 
-/// The chain of edges k -> k + 1. Throws ConfigError if vertices are not 0, 1, ..., or an edge of the chain is not there.
-/// `file_name` stands for the file in errors.
+/// Metres to the left per radian of left turn, over the edges k -> k + 1: where the body's origin sits before the rear axle.
+/// The odometry of the public graphs has it mirrored: its lateral component points right, its angle and the loop edges left.
+struct LateralSense {
+  double said_m_per_rad = 0.0, true_m_per_rad = 0.0;
+  bool mirrored() const { return said_m_per_rad * true_m_per_rad < 0.0; }
+};
+LateralSense lateral_sense(const G2oFile& graph, const std::vector<FramePose>& truth);
+
+/// The chain of edges k -> k + 1, its lateral component turned round if it is mirrored. Throws ConfigError if vertices are not 0, 1, ..., or an edge of the chain
+/// is not there. `file_name` stands for the file in errors.
 Recording<SE2> odometry_of(const std::string& name, const G2oFile& graph, const std::string& file_name,
                            const std::vector<FramePose>& truth);
 

@@ -77,6 +77,7 @@ class Study {
       G2oFile graph = read_g2o(file);
       if (graph.dim != 2) throw ConfigError(file.string() + ": is not planar; fetch the file again");
       Recording<SE2> odometry = odometry_of("KITTI " + sequence, graph, file.string(), truth_of(sequence));
+      drift_.lateral.emplace_back("KITTI " + sequence, lateral_sense(graph, truth_of(sequence)));
       read_.push_back({"KITTI " + sequence, std::move(graph), std::move(odometry)});
     }
   }

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "consistency/span_study.hpp"
@@ -15,6 +16,7 @@ namespace convoy::cli::consistency {
 struct RealDrift {
   std::string left_out;             ///< why nothing was measured, and how to mend it; empty: it was
   std::vector<std::string> absent;  ///< known recordings that the folder does not hold
+  std::vector<std::pair<std::string, LateralSense>> lateral;  ///< of the graphs' odometry as published
   std::vector<SpanStudy> spans;
   std::vector<HalvesStudy> halves;
 };

@@ -110,6 +110,11 @@ template <class G>
 std::string fit_words(const FittedModels<G>& fitted) {
   const auto of = [](const VarianceFit& fit, VariancePart part) { return fit[part].value; };
   const DriftParams<G>& literal = fitted.models.back().drift;
+  std::string constants = "; constants found: ";
+  for (std::size_t i = 0; i < fitted.chains.size(); ++i) {
+    const Eigen::Vector2d mean = fitted.with_constants.constants[i].front().mean;
+    constants += (i == 0 ? "" : ", ") + fitted.chains[i] + words_of(" %+.2f %% and %+.3f mrad/m", 100.0 * mean[0], 1000.0 * mean[1]);
+  }
   return words_of("local %.2g m²/m and %.2g rad²/m; ", of(fitted.plain, VariancePart::translation),
                   of(fitted.plain, VariancePart::rotation)) +
          words_of("with constants %.2g m²/m and %.2g rad²/m, ", of(fitted.with_constants, VariancePart::translation),
@@ -117,7 +122,7 @@ std::string fit_words(const FittedModels<G>& fitted) {
          words_of("scale %.2g %% and heading %.2g mrad/m (1 sigma); ",
                   100.0 * std::sqrt(of(fitted.with_constants, VariancePart::scale)),
                   1000.0 * std::sqrt(of(fitted.with_constants, VariancePart::heading))) +
-         words_of("literal %.2g m²/m and %.2g rad²/m", literal.rate[0], literal.rate[G::Dof - 1]);
+         words_of("literal %.2g m²/m and %.2g rad²/m", literal.rate[0], literal.rate[G::Dof - 1]) + constants;
 }
 
 template <class G>
@@ -130,13 +135,14 @@ typename G::Tangent truth_sigma() {
 
 template <class G>
 FittedModels<G> fit_models(const std::vector<Recording<G>>& calibration) {
+  FittedModels<G> fitted;
   std::vector<ResidualGroup> groups;
   std::vector<TrueTrack<G>> tracks;
   for (const Recording<G>& recording : calibration) {
     groups.push_back(span_residuals(recording.slam, recording.truth, fit_span_m, truth_sigma<G>()));
     tracks.push_back(track_of(recording));
+    fitted.chains.push_back(recording.name);
   }
-  FittedModels<G> fitted;
   VarianceFitParams params;
   params.intervals = false;
   fitted.plain = fit_variances(groups, params);

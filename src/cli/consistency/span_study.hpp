@@ -32,6 +32,7 @@ template <class G>
 struct FittedModels {
   std::vector<SpanModel<G>> models;
   VarianceFit plain, with_constants;
+  std::vector<std::string> chains;  ///< names of the recordings; their constants stand in with_constants, same order
 };
 template <class G>
 FittedModels<G> fit_models(const std::vector<Recording<G>>& calibration);
