@@ -63,7 +63,12 @@ class Study {
                                               output.scale_free ? scale_over_m : 0.0);
     const std::size_t middle = middle_of(whole);
     const Recording<SE3> first = part_of(whole, 0, middle), second = part_of(whole, middle, whole.truth.size());
-    const std::vector<Fold<SE3>> folds{{first, fit_models<SE3>({second})}, {second, fit_models<SE3>({first})}};
+    const auto named = [&](Recording<SE3> part, const char* which) {
+      part.name += which;
+      return part;
+    };
+    const std::vector<Fold<SE3>> folds{{first, fit_models<SE3>({named(second, " (2nd half)")})},
+                                       {second, fit_models<SE3>({named(first, " (1st half)")})}};
     SpanStudy study = study_spans(folds);
     study.about = std::string(output.about) + ", sequence " + output.sequence;
     study.fitted_on = "each half judged by the other half";
@@ -131,6 +136,26 @@ RealDrift measure_real_drift(fs::path data) {
 nlohmann::ordered_json to_json(const RealDrift& drift) {
   using json = nlohmann::ordered_json;
   json out = json::array();
+  const auto fit = [&](const std::string& judged, const char* kind, const FitFigures& f) {
+    json constants = json::object();
+    for (const auto& [name, mean] : f.constants) constants[name] = {{"scale", mean[0]}, {"heading_rad_per_m", mean[1]}};
+    out.push_back(json{{"kind", "fit"},
+                       {"of", kind},
+                       {"sequence", judged},
+                       {"fitted_on", f.fitted_on},
+                       {"translation_m2_per_m", f.plain_translation},
+                       {"rotation_rad2_per_m", f.plain_rotation},
+                       {"with_constants", {{"translation_m2_per_m", f.translation},
+                                           {"rotation_rad2_per_m", f.rotation},
+                                           {"scale_sigma", f.scale},
+                                           {"heading_sigma_rad_per_m", f.heading},
+                                           {"found", constants}}},
+                       {"literal_translation_m2_per_m", f.literal_translation},
+                       {"literal_rotation_rad2_per_m", f.literal_rotation}});
+  };
+  for (const SpanStudy& study : drift.spans)
+    for (const FitFigures& f : study.fits) fit(study.name, "spans", f);
+  for (const HalvesStudy& study : drift.halves) fit(study.name, "halves", study.fit);
   for (const SpanStudy& study : drift.spans)
     for (const SpanRow& row : study.rows)
       for (std::size_t m = 0; m < row.models.size(); ++m)
@@ -153,7 +178,7 @@ nlohmann::ordered_json to_json(const RealDrift& drift) {
       out.push_back(json{{"kind", "halves"},
                          {"sequence", study.name},
                          {"dim", 2},
-                         {"fitted_on", study.fitted_on},
+                         {"fitted_on", study.fit.fitted_on},
                          {"model", row.model},
                          {"start", row.start},
                          {"fused", row.fused},

@@ -6,7 +6,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include "consistency/literal_fit.hpp"
 
@@ -98,31 +97,27 @@ LagWords lag_of(const std::vector<Lag1>& lags) {
   return {all.rho[at], all.pairs, all.alarm()};
 }
 
-std::string words_of(const char* format, double a, double b) {
-  char text[160];
-  std::snprintf(text, sizeof text, format, a, b);
-  return text;
-}
-
 }  // namespace
 
 template <class G>
-std::string fit_words(const FittedModels<G>& fitted) {
-  const auto of = [](const VarianceFit& fit, VariancePart part) { return fit[part].value; };
-  const DriftParams<G>& literal = fitted.models.back().drift;
-  std::string constants = "; constants found: ";
+FitFigures figures_of(const FittedModels<G>& fitted) {
+  const auto value = [](const VarianceFit& fit, VariancePart part) { return fit[part].value; };
+  const VarianceFit &plain = fitted.plain, &with = fitted.with_constants;
+  const typename G::Tangent literal = fitted.models.back().drift.rate;
+  FitFigures f;
+  f.plain_translation = value(plain, VariancePart::translation);
+  f.plain_rotation = value(plain, VariancePart::rotation);
+  f.translation = value(with, VariancePart::translation);
+  f.rotation = value(with, VariancePart::rotation);
+  f.scale = std::sqrt(value(with, VariancePart::scale));
+  f.heading = std::sqrt(value(with, VariancePart::heading));
+  f.literal_translation = literal[0];
+  f.literal_rotation = literal[G::Dof - 1];
   for (std::size_t i = 0; i < fitted.chains.size(); ++i) {
-    const Eigen::Vector2d mean = fitted.with_constants.constants[i].front().mean;
-    constants += (i == 0 ? "" : ", ") + fitted.chains[i] + words_of(" %+.2f %% and %+.3f mrad/m", 100.0 * mean[0], 1000.0 * mean[1]);
+    f.constants.emplace_back(fitted.chains[i], with.constants[i].front().mean);
+    f.fitted_on += (i == 0 ? "" : ", ") + fitted.chains[i];
   }
-  return words_of("local %.2g m²/m and %.2g rad²/m; ", of(fitted.plain, VariancePart::translation),
-                  of(fitted.plain, VariancePart::rotation)) +
-         words_of("with constants %.2g m²/m and %.2g rad²/m, ", of(fitted.with_constants, VariancePart::translation),
-                  of(fitted.with_constants, VariancePart::rotation)) +
-         words_of("scale %.2g %% and heading %.2g mrad/m (1 sigma); ",
-                  100.0 * std::sqrt(of(fitted.with_constants, VariancePart::scale)),
-                  1000.0 * std::sqrt(of(fitted.with_constants, VariancePart::heading))) +
-         words_of("literal %.2g m²/m and %.2g rad²/m", literal.rate[0], literal.rate[G::Dof - 1]) + constants;
+  return f;
 }
 
 template <class G>
@@ -172,7 +167,7 @@ SpanStudy study_spans(const std::vector<Fold<G>>& folds) {
     study.name = fold.judged.name;
     study.scale = fold.judged.scale;
     study.length_m += states.back().abscissa_m - states.front().abscissa_m;
-    study.fits.push_back(fit_words(fold.fitted));
+    study.fits.push_back(figures_of(fold.fitted));
     const std::vector<ResidualGroup> spans{
         span_residuals(fold.judged.slam, fold.judged.truth, fit_span_m, truth_sigma<G>())};
     plain.push_back(lag1_correlation(spans, fold.fitted.plain.theta()));
@@ -196,7 +191,7 @@ SpanStudy study_spans(const std::vector<Fold<G>>& folds) {
 #define CONVOY_INSTANTIATE(G)                                               \
   template typename G::Tangent truth_sigma<G>();                            \
   template FittedModels<G> fit_models(const std::vector<Recording<G>>&);    \
-  template std::string fit_words(const FittedModels<G>&);                   \
+  template FitFigures figures_of(const FittedModels<G>&);                   \
   template SpanStudy study_spans(const std::vector<Fold<G>>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -4,6 +4,7 @@
 #include <convoy/drift/drift_model.hpp>
 
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "consistency/kitti_data.hpp"
@@ -37,9 +38,16 @@ struct FittedModels {
 template <class G>
 FittedModels<G> fit_models(const std::vector<Recording<G>>& calibration);
 
-/// The rates and constants that were found, in words.
+/// What a fit has found: rates [m^2/m, rad^2/m] and the one-sigma of the constants [1, rad/m].
+struct FitFigures {
+  std::string fitted_on;
+  double plain_translation = 0.0, plain_rotation = 0.0;  ///< local, rates alone
+  double translation = 0.0, rotation = 0.0, scale = 0.0, heading = 0.0;  ///< local, rates and constants
+  double literal_translation = 0.0, literal_rotation = 0.0;
+  std::vector<std::pair<std::string, Eigen::Vector2d>> constants;  ///< (kappa, g) of each recording that was fitted
+};
 template <class G>
-std::string fit_words(const FittedModels<G>& fitted);
+FitFigures figures_of(const FittedModels<G>& fitted);
 
 /// A part of a recording, and the models that were fitted without it.
 template <class G>
@@ -70,11 +78,11 @@ struct LagWords {
 struct SpanStudy {
   std::string name;
   std::string about;      ///< what recording it is
-  std::string fitted_on;  ///< what the rates were fitted to
+  std::string fitted_on;  ///< what the rates were fitted to, in words
   int dim = 3;
   double length_m = 0.0, scale = 1.0;
   std::vector<std::string> models;
-  std::vector<std::string> fits;  ///< per fold: the rates and constants found
+  std::vector<FitFigures> fits;  ///< per fold
   LagWords lag_plain, lag_constants;
   std::vector<SpanRow> rows;  ///< one per length for which there is a span
 };

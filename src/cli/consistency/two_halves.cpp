@@ -266,12 +266,13 @@ HalvesStudy study_halves(const RealGraph& graph, const std::vector<RealGraph>& o
   HalvesStudy study;
   study.name = graph.name;
   std::vector<Recording<SE2>> calibration;
-  for (const RealGraph& other : others) {
-    for (Half& half : cut(other.odometry)) calibration.push_back(std::move(half.recording));
-    study.fitted_on += (study.fitted_on.empty() ? "" : ", ") + other.name;
-  }
+  for (const RealGraph& other : others)
+    for (Half& half : cut(other.odometry)) {
+      half.recording.name += half.begin == 0 ? " (1st half)" : " (2nd half)";
+      calibration.push_back(std::move(half.recording));
+    }
   const FittedModels<SE2> fitted = fit_models(calibration);
-  study.fit = fit_words(fitted);
+  study.fit = figures_of(fitted);
   study.length_m = graph.odometry.slam.states.back().abscissa_m;
   study.loops = quality_of(graph, middle_of(graph.odometry));
   const std::array<Half, 2> halves = cut(graph.odometry);

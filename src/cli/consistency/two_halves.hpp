@@ -48,7 +48,8 @@ struct HalvesRow {
 };
 
 struct HalvesStudy {
-  std::string name, fitted_on, fit;
+  std::string name;
+  FitFigures fit;
   double length_m = 0.0;
   int anchors = 0;  ///< judged, both vehicles
   LoopQuality loops;
