@@ -93,7 +93,8 @@ Recording<SE3> recording_of(const std::string& name, const std::vector<FramePose
   for (const FramePose& pose : estimate) {
     const auto it = at_frame.find(pose.frame);
     if (it == at_frame.end())
-      throw ConfigError(name + ": the truth has no frame " + std::to_string(pose.frame) + "; is it of another sequence?");
+      throw ConfigError(name + ": the truth has no frame " + std::to_string(pose.frame) +
+                        "; is it of another sequence?");
     matched.push_back(it->second);
   }
   Recording<SE3> recording;
@@ -138,7 +139,8 @@ Recording<SE2> odometry_of(const std::string& name, const G2oFile& graph, const 
     append_state(recording, pose, on_plane(truth[k].T_start_body));
     if (k + 1 == graph.vertices.size()) break;
     if (!next[k])
-      throw ConfigError(file_name + ": no edge from vertex " + std::to_string(k) + " to the next one; the odometry is cut");
+      throw ConfigError(file_name + ": no edge from vertex " + std::to_string(k) +
+                        " to the next one; the odometry is cut");
     const std::vector<double>& z = next[k]->measured;
     pose = pose * SE2(z[0], left * z[1], z[2]);
   }
@@ -178,9 +180,9 @@ std::size_t middle_of(const Recording<G>& recording) {
       std::find_if(states.begin(), states.end(), [&](const auto& s) { return s.abscissa_m >= half; }) - states.begin());
 }
 
-#define CONVOY_INSTANTIATE(G)                                                         \
-  template Recording<G> part_of(const Recording<G>&, std::size_t, std::size_t);       \
-  template Recording<G> chain_of(const Recording<G>&, std::size_t, std::size_t);      \
+#define CONVOY_INSTANTIATE(G)                                                    \
+  template Recording<G> part_of(const Recording<G>&, std::size_t, std::size_t);  \
+  template Recording<G> chain_of(const Recording<G>&, std::size_t, std::size_t); \
   template std::size_t middle_of(const Recording<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -1,5 +1,5 @@
-// Real recordings: camera poses in KITTI's text format (the truth, and what a SLAM made of the images), and the odometry of
-// pose graphs whose vertices are KITTI frames.
+// Real recordings: camera poses in KITTI's text format (the truth, and what a SLAM made of the images), and the
+// odometry of pose graphs whose vertices are KITTI frames.
 #pragma once
 
 #include <convoy/drift/calibration.hpp>
@@ -18,8 +18,8 @@ struct FramePose {
   SE3 T_start_body;
 };
 
-/// Lines of 12 numbers, the rows of a 3 x 4 pose of the left camera [m], one line per frame from 0; or of 13, the first one
-/// the frame. Frames ascend, rotations are orthonormal to 1e-3. Throws ConfigError, "file:line: what".
+/// Lines of 12 numbers, the rows of a 3 x 4 pose of the left camera [m], one line per frame from 0; or of 13, the first
+/// one the frame. Frames ascend, rotations are orthonormal to 1e-3. Throws ConfigError, "file:line: what".
 std::vector<FramePose> read_kitti_poses(const std::filesystem::path& file);
 
 /// Seen from above: x, y and where the forward axis points.
@@ -34,22 +34,23 @@ struct Recording {
   double scale = 1.0;    ///< that positions of the file were multiplied by
 };
 
-/// `estimate` beside `truth` at the frames of `estimate`. With `scale_over_m` > 0 positions are scaled so that the SLAM's
-/// length of the first so many true metres is right; 0: as they are. Throws ConfigError if the truth lacks a frame, or the
-/// estimate does not move.
+/// `estimate` beside `truth` at the frames of `estimate`. With `scale_over_m` > 0 positions are scaled so that the
+/// SLAM's length of the first so many true metres is right; 0: as they are. Throws ConfigError if the truth lacks a
+/// frame, or the estimate does not move.
 Recording<SE3> recording_of(const std::string& name, const std::vector<FramePose>& estimate,
                             const std::vector<FramePose>& truth, double scale_over_m);
 
-/// Metres to the left per radian of left turn, over the edges k -> k + 1: where the body's origin sits before the rear axle.
-/// The odometry of the public graphs has it mirrored: its lateral component points right, its angle and the loop edges left.
+/// Metres to the left per radian of left turn, over the edges k -> k + 1: where the body's origin sits before the rear
+/// axle. The odometry of the public graphs has it mirrored: its lateral component points right, its angle and the loop
+/// edges left.
 struct LateralSense {
   double said_m_per_rad = 0.0, true_m_per_rad = 0.0;
   bool mirrored() const { return said_m_per_rad * true_m_per_rad < 0.0; }
 };
 LateralSense lateral_sense(const G2oFile& graph, const std::vector<FramePose>& truth);
 
-/// The chain of edges k -> k + 1, its lateral component turned round if it is mirrored. Throws ConfigError if vertices are not 0, 1, ..., or an edge of the chain
-/// is not there. `file_name` stands for the file in errors.
+/// The chain of edges k -> k + 1, its lateral component turned round if it is mirrored. Throws ConfigError if vertices
+/// are not 0, 1, ..., or an edge of the chain is not there. `file_name` stands for the file in errors.
 Recording<SE2> odometry_of(const std::string& name, const G2oFile& graph, const std::string& file_name,
                            const std::vector<FramePose>& truth);
 

@@ -122,12 +122,14 @@ RealDrift measure_real_drift(fs::path data) {
     if (const char* variable = std::getenv("CONVOY_DATA_DIR")) data = variable;
   const bool holds = !data.empty() && fs::is_directory(data / "kitti_trajectories");
   if (given && !holds)
-    throw ConfigError(data.string() + ": holds no folder kitti_trajectories; --data names the folder that holds kitti_trajectories "
+    throw ConfigError(data.string() +
+                      ": holds no folder kitti_trajectories; --data names the folder that holds kitti_trajectories "
                       "and pose_graphs");
   if (!holds) {
     RealDrift none;
-    none.left_out = "Real drift is left out: no recordings. Name the folder that holds kitti_trajectories and pose_graphs with "
-                    "--data DIR or CONVOY_DATA_DIR.";
+    none.left_out =
+        "Real drift is left out: no recordings. Name the folder that holds kitti_trajectories and pose_graphs with "
+        "--data DIR or CONVOY_DATA_DIR.";
     return none;
   }
   return Study(data).measure();
@@ -145,11 +147,12 @@ nlohmann::ordered_json to_json(const RealDrift& drift) {
                        {"fitted_on", f.fitted_on},
                        {"translation_m2_per_m", f.plain_translation},
                        {"rotation_rad2_per_m", f.plain_rotation},
-                       {"with_constants", {{"translation_m2_per_m", f.translation},
-                                           {"rotation_rad2_per_m", f.rotation},
-                                           {"scale_sigma", f.scale},
-                                           {"heading_sigma_rad_per_m", f.heading},
-                                           {"found", constants}}},
+                       {"with_constants",
+                        {{"translation_m2_per_m", f.translation},
+                         {"rotation_rad2_per_m", f.rotation},
+                         {"scale_sigma", f.scale},
+                         {"heading_sigma_rad_per_m", f.heading},
+                         {"found", constants}}},
                        {"literal_translation_m2_per_m", f.literal_translation},
                        {"literal_rotation_rad2_per_m", f.literal_rotation}});
   };

@@ -21,9 +21,10 @@ struct RealDrift {
   std::vector<HalvesStudy> halves;
 };
 
-/// `data`: a folder that holds kitti_trajectories/ (gt/NN.txt, slam_estimates/NAME.txt) and pose_graphs/ (single/kitti_NN.g2o);
-/// whichever recordings are there are judged. Empty: the environment variable CONVOY_DATA_DIR, and nothing is measured if there
-/// is none or it holds neither. Deterministic. Throws ConfigError if a folder that is given holds neither, or a file is damaged.
+/// `data`: a folder that holds kitti_trajectories/ (gt/NN.txt, slam_estimates/NAME.txt) and pose_graphs/
+/// (single/kitti_NN.g2o); whichever recordings are there are judged. Empty: the environment variable CONVOY_DATA_DIR,
+/// and nothing is measured if there is none or it holds neither. Deterministic. Throws ConfigError if a folder that is
+/// given holds neither, or a file is damaged.
 RealDrift measure_real_drift(std::filesystem::path data);
 
 /// One entry per sequence, length of span and model, and one per graph, start and model.

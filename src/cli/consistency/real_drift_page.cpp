@@ -52,7 +52,8 @@ std::string covered_lengths(const SpanStudy& study, std::size_t model) {
 }
 
 std::string lag_words(const LagWords& lag) {
-  return (lag.largest < 0.0 ? "−" : "") + fixed(std::abs(lag.largest), 2) + (lag.alarm ? ", alarm" : "");
+  return (lag.largest < 0.0 ? "−" : "") + fixed(std::abs(lag.largest), 2) + " of " + std::to_string(lag.pairs) +
+         " pairs" + (lag.alarm ? ", alarm" : "");
 }
 
 std::string overview(const RealDrift& drift) {
@@ -60,7 +61,7 @@ std::string overview(const RealDrift& drift) {
                            "literal, fitted", "lag-1: rates", "with constants"},
                           {});
   for (const SpanStudy& study : drift.spans) {
-    html += "<tr>" + text_cell(study.name + ", " + std::to_string(study.dim) + "-D");
+    html += "<tr>" + text_cell(study.name + " (" + std::to_string(study.dim) + "‑D)");
     for (std::size_t m = 0; m < study.models.size(); ++m) html += text_cell(covered_lengths(study, m));
     html += text_cell(lag_words(study.lag_plain)) + text_cell(lag_words(study.lag_constants)) + "</tr>\n";
   }
@@ -88,31 +89,34 @@ std::string span_drawing(const SpanStudy& study, const std::string& title,
 
 std::string span_section(const SpanStudy& study) {
   std::string html = "<h3>" + xml_escaped(study.name + ": " + study.about) + "</h3>\n";
-  html += paragraph(fixed(study.length_m, 0) + " m. Fitted on: " + study.fitted_on + "." +
-                    (study.scale == 1.0 ? "" : " Scaled by " + fixed(study.scale, 2) + ", which makes the first 100 m right."));
+  html += paragraph(
+      fixed(study.length_m, 0) + " m. Fitted on: " + study.fitted_on + "." +
+      (study.scale == 1.0 ? "" : " Scaled by " + fixed(study.scale, 2) + ", which makes the first 100 m right."));
   html += "<div class=\"row\">\n";
-  html += span_drawing(study, "NEES / degrees of freedom (1 is honest)",
-                       [](const SpanFigure& f) { return std::max(0.01, f.anees); },
-                       [](SvgPlot& plot) {
-                         plot.log_y(0.1);
-                         plot.line({{25.0, 1.0}, {800.0, 1.0}}, {"#9aa5b1", 1.0});
-                       },
-                       true);
-  html += span_drawing(study, "share of spans within their 95 % region", [](const SpanFigure& f) { return f.coverage95; },
-                       [](SvgPlot& plot) {
-                         plot.y_range(0.0, 1.0);
-                         plot.band(covered_share, 1.0, {"#2ca02c", 0.0, "", 0.15});
-                       },
-                       false);
-  html += span_drawing(study, "position error: measured (black), predicted [m]",
-                       [](const SpanFigure& f) { return std::max(1e-3, f.predicted_position_m); },
-                       [&](SvgPlot& plot) {
-                         plot.log_y(0.01);
-                         Points measured;
-                         for (const SpanRow& row : study.rows) measured.emplace_back(row.span_m, row.position_rmse_m);
-                         plot.line(measured, {"#000000", 2.5});
-                       },
-                       false);
+  html += span_drawing(
+      study, "NEES / degrees of freedom (1 is honest)", [](const SpanFigure& f) { return std::max(0.01, f.anees); },
+      [](SvgPlot& plot) {
+        plot.log_y(0.1);
+        plot.line({{25.0, 1.0}, {800.0, 1.0}}, {"#9aa5b1", 1.0});
+      },
+      true);
+  html += span_drawing(
+      study, "share of spans within their 95 % region", [](const SpanFigure& f) { return f.coverage95; },
+      [](SvgPlot& plot) {
+        plot.y_range(0.0, 1.0);
+        plot.band(covered_share, 1.0, {"#2ca02c", 0.0, "", 0.15});
+      },
+      false);
+  html += span_drawing(
+      study, "position error: measured (black), predicted [m]",
+      [](const SpanFigure& f) { return std::max(1e-3, f.predicted_position_m); },
+      [&](SvgPlot& plot) {
+        plot.log_y(0.01);
+        Points measured;
+        for (const SpanRow& row : study.rows) measured.emplace_back(row.span_m, row.position_rmse_m);
+        plot.line(measured, {"#000000", 2.5});
+      },
+      false);
   return html + "</div>\n";
 }
 
@@ -132,7 +136,8 @@ std::string fit_row(const std::string& judged, const FitFigures& f) {
     found += (found.empty() ? "" : "; ") + name + ": " + signed_number(100.0 * mean[0], 1) + " %, " +
              signed_number(1000.0 * mean[1], 3);
   std::string html = "<tr>" + text_cell(judged) + text_cell(found);
-  for (const double value : {f.plain_translation, f.plain_rotation, f.translation, f.rotation}) html += cell(short_number(value));
+  for (const double value : {f.plain_translation, f.plain_rotation, f.translation, f.rotation})
+    html += cell(short_number(value));
   html += cell(fixed(100.0 * f.scale, 1) + " %") + cell(fixed(1000.0 * f.heading, 3));
   for (const double value : {f.literal_translation, f.literal_rotation}) html += cell(short_number(value));
   return html + "</tr>\n";
@@ -157,7 +162,8 @@ std::string span_table(const RealDrift& drift) {
         html += "<tr>" + text_cell(study.name) + text_cell(study.models[m]) + cell(fixed(row.span_m, 0)) +
                 cell(std::to_string(row.spans)) + cell(number(row.models[m].anees)) +
                 cell(percent(row.models[m].coverage95)) + cell(number(row.position_rmse_m)) +
-                cell(number(row.models[m].predicted_position_m)) + cell(fixed(1000.0 * row.rotation_rmse_rad, 1)) + "</tr>\n";
+                cell(number(row.models[m].predicted_position_m)) + cell(fixed(1000.0 * row.rotation_rmse_rad, 1)) +
+                "</tr>\n";
   return html + table_end;
 }
 
@@ -177,8 +183,9 @@ std::string halves_map(const HalvesStudy& study) {
   const HalvesRow* alone = row_of(study, "dead reckoning, local, fitted rates", false);
   const HalvesRow* together = row_of(study, "local, fitted rates", true);
   for (std::size_t v = 0; v < 2; ++v) {
-    if (alone) plot.line(alone->paths[v], {vehicle_colors[v], 1.0, "2 3"}, "vehicle " + std::to_string(v + 1) + " alone");
-    if (together) plot.line(together->paths[v], {vehicle_colors[v], 2.0}, "in the common map");
+    const std::string name = "vehicle " + std::to_string(v + 1);
+    if (alone) plot.line(alone->paths[v], {vehicle_colors[v], 1.0, "2 3"}, name + " alone");
+    if (together) plot.line(together->paths[v], {vehicle_colors[v], 2.0}, name + " fused");
   }
   return "<figure style=\"width:calc(50% - 7px)\">" + plot.svg() + "</figure>\n";
 }
@@ -206,14 +213,15 @@ std::string halves_nees(const HalvesStudy& study) {
 std::string halves_section(const HalvesStudy& study) {
   const LoopQuality& q = study.loops;
   std::string html = "<h3>" + xml_escaped(study.name + " cut in the middle: two vehicles") + "</h3>\n";
-  html += paragraph(fixed(study.length_m, 0) + " m; " + std::to_string(q.edges) + " loop edges, " +
-                    std::to_string(q.crossing) + " of them between the two vehicles. Against the truth, edges are off by " +
-                    fixed(100.0 * q.median_error_m, 1) + " cm and " + fixed(1000.0 * q.median_error_rad, 2) +
-                    " mrad (medians; they claim " + fixed(100.0 * q.stated_sigma_m, 1) + " cm per axis; NEES / 3 " +
-                    number(q.anees) + "). " + std::to_string(study.anchors) + " anchors are judged. Rates were fitted on the halves of the other graphs.");
+  html += paragraph(
+      fixed(study.length_m, 0) + " m; " + std::to_string(q.edges) + " loop edges, " + std::to_string(q.crossing) +
+      " of them between the two vehicles. Against the truth, edges are off by " + fixed(100.0 * q.median_error_m, 1) +
+      " cm and " + fixed(1000.0 * q.median_error_rad, 2) + " mrad (medians; they claim " +
+      fixed(100.0 * q.stated_sigma_m, 1) + " cm per axis; NEES / 3 " + number(q.anees) + "). " +
+      std::to_string(study.anchors) + " anchors are judged. Rates were fitted on the halves of the other graphs.");
   html += "<div class=\"row\">\n" + halves_map(study) + halves_nees(study) + "</div>\n";
-  html += head({"model", "start of vehicle 2"}, {"position RMSE [m]", "ANEES", "vehicle 1", "vehicle 2", "coverage",
-                                                 "distance RMSE [m]", "loops used"});
+  html += head({"model", "start of vehicle 2"},
+               {"position RMSE [m]", "ANEES", "vehicle 1", "vehicle 2", "coverage", "distance RMSE [m]", "loops used"});
   for (const HalvesRow& row : study.rows)
     html += (row.fused ? "<tr class=\"ours\">" : "<tr>") + text_cell(row.fused ? row.model + ", fused" : row.model) +
             text_cell(row.start) + cell(number(row.ate_m)) + cell(number(row.anees)) + cell(number(row.first_anees)) +
@@ -230,12 +238,13 @@ std::string lateral_words(const RealDrift& drift) {
   std::string names;
   for (const auto& [name, sense] : drift.lateral)
     if (sense.mirrored())
-      names += (names.empty() ? "" : ", ") + name + " (" + fixed(sense.said_m_per_rad, 2) + " m per radian, truth " +
-               fixed(sense.true_m_per_rad, 2) + ")";
+      names += (names.empty() ? "" : ", ") + name + " (" + signed_number(sense.said_m_per_rad, 2) +
+               " m per radian, truth " + signed_number(sense.true_m_per_rad, 2) + ")";
   if (names.empty()) return "";
-  return "The odometry edges of these graphs are published with their lateral component mirrored, their angles and loop edges are "
-         "not: in turns they move the camera to the wrong side: " + names +
-         ". That is no drift, so it is turned round before anything is measured.";
+  return "The odometry edges of these graphs are published with their lateral component mirrored, their angles and "
+         "loop edges are "
+         "not: in turns they move the camera to the wrong side: " +
+         names + ". That is no drift, so it is turned round before anything is measured.";
 }
 
 std::string absent_words(const RealDrift& drift) {
@@ -250,32 +259,48 @@ std::string real_drift_section(const RealDrift& drift) {
   std::string html = "<section><h2>Real drift</h2>\n";
   if (!drift.left_out.empty()) return html + paragraph(drift.left_out) + "</section>\n";
   html += paragraph(
-      "Recordings of KITTI's vehicle. The SLAM is a black box that states no covariance: all of the drift is rates, variance per "
-      "metre, and, in one model, two constants of each chain, a relative error of all distances and a heading error per metre. "
-      "The shipped rates are meant to come on top of what a SLAM states itself, so that they have to be far too small here. "
-      "Judged is the error of the motion over spans of one length by the SLAM's own odometer, one every 25 m: they overlap, so "
-      "that figures of long spans rest on few independent ones. What judges was never fitted. The truth counts as known to 5 cm "
-      "and 0.5 mrad. One chain is one draw of its constants: their variances rest on as many draws as there are chains. A length is "
-      "called covered where " + percent(covered_share) + " of its spans or more lie within their 95 % region, which a model that "
+      "Recordings of KITTI's vehicle. The SLAM is a black box that states no covariance: all of its drift is described "
+      "by rates, variance per "
+      "metre, and, in one model, two constants of each chain, a relative error of all distances and a heading error "
+      "per metre. "
+      "The shipped rates are meant to come on top of what a SLAM states itself, so that they have to be far too small "
+      "here. "
+      "Judged is the error of the motion over spans of one length by the SLAM's own odometer, one every 25 m: they "
+      "overlap, so "
+      "that figures of long spans rest on few independent ones. What judges was never fitted. The truth counts as "
+      "known to 5 cm "
+      "and 0.5 mrad. One chain is one draw of its constants: their variances rest on as many draws as there are "
+      "chains. A length is "
+      "called covered where " +
+      percent(covered_share) +
+      " of its spans or more lie within their 95 % region, which a model that "
       "is too wide does as well; NEES tells the two apart.");
   if (!lateral_words(drift).empty()) html += paragraph(lateral_words(drift));
   if (!absent_words(drift).empty()) html += paragraph(absent_words(drift));
   html += overview(drift);
   html += paragraph(
-      "What is covered: errors that come independently, metre by metre, on drives like those that were fitted; with constants "
-      "also a scale and a heading rate that stay what they are, which rates alone understate more with each doubling of the "
-      "length. What is not: a scale that wanders within the drive, as a monocular SLAM's does, is neither white nor constant: rates "
-      "fitted over 80 m are too small beyond; and rates of a better or worse drive than the one judged. The lag-1 alarm is "
-      "what tells a vehicle so.");
+      "What is covered: errors that come independently, metre by metre, on drives like those that were fitted; with "
+      "constants "
+      "also a scale and a heading rate that stay what they are, which rates alone understate more with each doubling "
+      "of the "
+      "length. What is not: a scale that wanders within the drive, as a monocular SLAM's does, is neither white nor "
+      "constant: rates "
+      "fitted over 80 m are too small beyond; and rates of a better or worse drive than the one judged. The lag-1 "
+      "correlation shows both; its alarm waits until that is beyond chance, which drives of few spans do not reach.");
   for (const SpanStudy& study : drift.spans) html += span_section(study);
   if (!drift.halves.empty()) {
     html += "<h2>Real drives as two vehicles</h2>\n";
     html += paragraph(
-        "The first vehicle knows its start, the second one only a circle of 22 m and 0.3 rad (one draw, off by its sigma), or "
-        "nothing. Each vehicle's SLAM is the odometry of the graph; anchors every 25 m and at the ends of loop edges. A loop edge "
-        "becomes six landmarks around one of its poses that both ends have seen, where the edge puts them, its uncertainty being "
-        "the error they share: so facts go through selection, problem and sparse map as they do in a vehicle. To put the "
-        "edges into a pose graph as they are would be nearer to the file, and judge none of that. Nothing is aligned to the truth. "
+        "The first vehicle knows its start, the second one only a circle of 22 m and 0.3 rad (one draw, off by its "
+        "sigma), or "
+        "nothing. Each vehicle's SLAM is the odometry of the graph; anchors every 25 m and at the ends of loop edges. "
+        "A loop edge "
+        "becomes six landmarks around one of its poses that both ends have seen, where the edge puts them, its "
+        "uncertainty being "
+        "the error they share: so facts go through selection, problem and sparse map as they do in a vehicle. To put "
+        "the "
+        "edges into a pose graph as they are would be nearer to the file, and judge none of that. Nothing is aligned "
+        "to the truth. "
         "Loop edges agree with the truth suspiciously well, perhaps they were made from it: the fused figures are "
         "optimistic. Landmarks and pairings are perfect, so that association is not judged here.");
     for (const HalvesStudy& study : drift.halves) html += halves_section(study);

@@ -70,8 +70,9 @@ void add_fold(const Fold<G>& fold, double span_m, LengthSum& sum) {
     for (std::size_t m = 0; m < models.size(); ++m) {
       const typename G::Covariance fixed = group.fixed;
       const Eigen::Matrix<double, D, 2> U = group.constants.front();
-      const typename G::Covariance V = symmetrised(typename G::Covariance(
-          increment(of_model[m][a], of_model[m][b]).covariance + fixed + U * models[m].constants.asDiagonal() * U.transpose()));
+      const typename G::Covariance V =
+          symmetrised(typename G::Covariance(increment(of_model[m][a], of_model[m][b]).covariance + fixed +
+                                             U * models[m].constants.asDiagonal() * U.transpose()));
       const double squared_distance = squared_mahalanobis(e, V);
       sum.models[m].nees += squared_distance / D;
       sum.models[m].inside += squared_distance <= limit ? 1 : 0;
@@ -188,10 +189,10 @@ SpanStudy study_spans(const std::vector<Fold<G>>& folds) {
   return study;
 }
 
-#define CONVOY_INSTANTIATE(G)                                               \
-  template typename G::Tangent truth_sigma<G>();                            \
-  template FittedModels<G> fit_models(const std::vector<Recording<G>>&);    \
-  template FitFigures figures_of(const FittedModels<G>&);                   \
+#define CONVOY_INSTANTIATE(G)                                            \
+  template typename G::Tangent truth_sigma<G>();                         \
+  template FittedModels<G> fit_models(const std::vector<Recording<G>>&); \
+  template FitFigures figures_of(const FittedModels<G>&);                \
   template SpanStudy study_spans(const std::vector<Fold<G>>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

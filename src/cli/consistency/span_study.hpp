@@ -11,8 +11,8 @@
 
 namespace convoy::cli::consistency {
 
-inline constexpr double fit_span_m = 80.0;     ///< of the spans that rates are fitted to (DESIGN B6)
-inline constexpr double span_every_m = 25.0;   ///< judged spans begin so far apart: they overlap, and are correlated
+inline constexpr double fit_span_m = 80.0;    ///< of the spans that rates are fitted to (DESIGN B6)
+inline constexpr double span_every_m = 25.0;  ///< judged spans begin so far apart: they overlap, and are correlated
 inline constexpr double span_lengths_m[] = {25.0, 50.0, 100.0, 200.0, 400.0, 800.0};
 
 /// What the truth itself is uncertain by, each pose: 5 cm and 0.5 mrad (a GPS/INS receiver with a base station).
@@ -27,8 +27,8 @@ struct SpanModel {
   Eigen::Vector2d constants = Eigen::Vector2d::Zero();  ///< s_kappa^2, s_g^2 [(rad/m)^2]; zero: none
 };
 
-/// The models of the study, fitted to recordings that are not judged: shipped local rates, fitted local rates, fitted local
-/// rates and constants, fitted literal noise; in this order.
+/// The models of the study, fitted to recordings that are not judged: shipped local rates, fitted local rates, fitted
+/// local rates and constants, fitted literal noise; in this order.
 template <class G>
 struct FittedModels {
   std::vector<SpanModel<G>> models;
@@ -41,7 +41,7 @@ FittedModels<G> fit_models(const std::vector<Recording<G>>& calibration);
 /// What a fit has found: rates [m^2/m, rad^2/m] and the one-sigma of the constants [1, rad/m].
 struct FitFigures {
   std::string fitted_on;
-  double plain_translation = 0.0, plain_rotation = 0.0;  ///< local, rates alone
+  double plain_translation = 0.0, plain_rotation = 0.0;                  ///< local, rates alone
   double translation = 0.0, rotation = 0.0, scale = 0.0, heading = 0.0;  ///< local, rates and constants
   double literal_translation = 0.0, literal_rotation = 0.0;
   std::vector<std::pair<std::string, Eigen::Vector2d>> constants;  ///< (kappa, g) of each recording that was fitted

@@ -124,7 +124,8 @@ class Facts {
     return l;
   }
 
-  // A landmark of the batch at `frame`; its key is settled once all batches are full: until then (anchor, place in batch).
+  // A landmark of the batch at `frame`; its key is settled once all batches are full: until then (anchor, place in
+  // batch).
   Key batch(int frame, const LandmarkFact<SE2>& l) {
     const Key anchor = anchor_of_.at(frame);
     auto& landmarks = batches_[anchor];
@@ -214,7 +215,8 @@ void judge_into(HalvesRow& row, const RunSample& sample) {
   row.second_anees = nees[1] / std::max(1.0, count[1]);
   double distance = 0.0;
   for (const double e : sample.distance_errors_m) distance += e * e;
-  row.distance_rmse_m = std::sqrt(distance / std::max<double>(1.0, static_cast<double>(sample.distance_errors_m.size())));
+  row.distance_rmse_m =
+      std::sqrt(distance / std::max<double>(1.0, static_cast<double>(sample.distance_errors_m.size())));
 }
 
 HalvesRow dead_reckoned(const std::string& model, const Facts& facts) {

@@ -1,8 +1,8 @@
 // A real drive cut in the middle into two vehicles that do not know where they start: is their common map consistent?
 //
-// The odometry of the graph is what each vehicle's SLAM says (a black box: no covariance of its own). A loop edge becomes
-// six landmarks that both ends have seen, placed as the edge says, with the edge's uncertainty as their shared error, so
-// that the whole way from facts to map is taken: selection, problem, sparse map, classes.
+// The odometry of the graph is what each vehicle's SLAM says (a black box: no covariance of its own). A loop edge
+// becomes six landmarks that both ends have seen, placed as the edge says, with the edge's uncertainty as their shared
+// error, so that the whole way from facts to map is taken: selection, problem, sparse map, classes.
 #pragma once
 
 #include <convoy/map/hypothesis.hpp>
@@ -42,7 +42,7 @@ struct HalvesRow {
   double first_anees = 0.0, second_anees = 0.0;
   double distance_rmse_m = 0.0;
   int stated = 0, accepted = 0;
-  std::string left_out;  ///< why the others were
+  std::string left_out;                             ///< why the others were
   std::vector<std::vector<Eigen::Vector2d>> paths;  ///< of each vehicle, common frame
   std::vector<std::vector<Eigen::Vector2d>> nees;   ///< of each vehicle: (m driven, NEES / d)
 };
