@@ -190,6 +190,8 @@ nlohmann::ordered_json to_json(const RealDrift& drift) {
                          {"anees", row.anees},
                          {"coverage95", row.coverage95},
                          {"distance_rmse_m", row.distance_rmse_m},
+                         {"loop_median_error_m", study.loops.median_error_m},
+                         {"loop_worst_error_m", study.loops.worst_error_m},
                          {"stated", row.stated},
                          {"accepted", row.accepted}});
   return out;

@@ -37,7 +37,7 @@ struct Half {
 };
 
 std::array<Half, 2> cut(const Recording<SE2>& whole) {
-  const std::size_t middle = middle_of(whole), end = whole.truth.size();
+  const std::size_t end = whole.truth.size(), middle = end / 2;
   return {Half{{1, 1}, 0, middle, chain_of(whole, 0, middle)}, Half{{2, 1}, middle, end, chain_of(whole, middle, end)}};
 }
 
@@ -188,6 +188,7 @@ LoopQuality quality_of(const RealGraph& graph, std::size_t middle) {
     q.crossing += (from < middle) != (to < middle) ? 1 : 0;
   }
   q.anees /= std::max(1, q.edges);
+  q.worst_error_m = metres.empty() ? 0.0 : *std::max_element(metres.begin(), metres.end());
   q.median_error_m = median(metres);
   q.median_error_rad = median(radians);
   q.stated_sigma_m = median(stated);
@@ -276,7 +277,7 @@ HalvesStudy study_halves(const RealGraph& graph, const std::vector<RealGraph>& o
   const FittedModels<SE2> fitted = fit_models(calibration);
   study.fit = figures_of(fitted);
   study.length_m = graph.odometry.slam.states.back().abscissa_m;
-  study.loops = quality_of(graph, middle_of(graph.odometry));
+  study.loops = quality_of(graph, graph.odometry.truth.size() / 2);
   const std::array<Half, 2> halves = cut(graph.odometry);
   // Models that are local or literal; constants of a chain join here once the map has a variable for them.
   for (const SpanModel<SE2>& model : fitted.models) {

@@ -1,4 +1,5 @@
-// A real drive cut in the middle into two vehicles that do not know where they start: is their common map consistent?
+// A real drive cut at its middle frame into two vehicles that do not know where they start: is their common map
+// consistent?
 //
 // The odometry of the graph is what each vehicle's SLAM says (a black box: no covariance of its own). A loop edge
 // becomes six landmarks that both ends have seen, placed as the edge says, with the edge's uncertainty as their shared
@@ -27,7 +28,7 @@ struct RealGraph {
 /// What a loop edge says, against the truth: are the edges as good as they claim?
 struct LoopQuality {
   int edges = 0, crossing = 0;  ///< crossing: between the two vehicles
-  double median_error_m = 0.0, median_error_rad = 0.0;
+  double median_error_m = 0.0, median_error_rad = 0.0, worst_error_m = 0.0;
   double stated_sigma_m = 0.0;  ///< median over the edges, root of the mean variance of x and y
   double anees = 0.0;
 };
