@@ -96,6 +96,7 @@ int main(int argc, char** argv) {
   auto* consistency_command = app.add_subcommand("consistency", "Measure by Monte Carlo whether the estimator is consistent");
   consistency_command->add_option("--runs", consistency.runs, "runs of each scenario (default: 200)")->check(CLI::Range(2, 100000));
   consistency_command->add_option("--seed", consistency.seed, "seed of all draws (default: 1)");
+  consistency_command->add_option("--data", consistency.data, "folder of kitti_trajectories and pose_graphs, for real drift (default: CONVOY_DATA_DIR)");
   consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")->required();
   consistency_command->callback([&] { status = cli::consistency::run_consistency(consistency); });
 

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <functional>
 
+#include "consistency/real_drift_page.hpp"
 #include "report/svg_plot.hpp"
 
 namespace convoy::cli::consistency {
@@ -14,6 +15,7 @@ constexpr const char* style = R"(
 body { max-width: 1100px; margin: 0 auto; padding: 24px 20px 60px; font-size: 15px; line-height: 1.5; }
 h1 { font-size: 26px; margin: 0 0 4px; }
 h2 { font-size: 18px; margin: 36px 0 8px; }
+h3 { font-size: 15px; margin: 24px 0 4px; }
 p.lead { font-size: 17px; margin: 6px 0 14px; }
 p.source { color: #52606d; margin: 0; }
 .scroll { overflow-x: auto; }
@@ -173,6 +175,7 @@ std::string consistency_page(const ConsistencyResult& result) {
     if (rows.size() < 2) continue;
     html += scenario_section(std::to_string(rows.front()->dim) + "-D, " + rows.front()->simulator + ": " + rows.front()->scenario, rows);
   }
+  html += real_drift_section(result.real_drift);
   html += "<section><h2>Every row</h2>\n<p>The front end that filters ranges and bearings is planar, so EKF-SLAM has rows in the "
           "plane only. The EKF map takes landmarks of a batch as independent.</p>\n" +
           row_table(result) + "</section>\n</body>\n</html>\n";

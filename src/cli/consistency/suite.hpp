@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "consistency/real_drift.hpp"
 #include "consistency/statistic.hpp"
 
 namespace convoy::cli::consistency {
@@ -15,6 +16,7 @@ namespace convoy::cli::consistency {
 struct ConsistencyOptions {
   int runs = 200;          ///< of each scenario, >= 2
   std::uint64_t seed = 1;  ///< run i of a scenario draws from (seed, i); calibration from another seed
+  std::filesystem::path data;  ///< of recordings, see measure_real_drift(); empty: the environment variable CONVOY_DATA_DIR
   std::filesystem::path out;  ///< folder; gets consistency.json and consistency.html
   bool progress = true;    ///< one line per scenario to stdout once it takes longer than two seconds
 };
@@ -50,6 +52,7 @@ struct ConsistencyResult {
   std::vector<Row> rows;
   std::vector<Demand> demands;
   std::vector<Control> controls;
+  RealDrift real_drift;  ///< measured beside the verdict
   bool pass() const;         ///< the model meets every demand of the verdict, and every control fails it
   bool all_met() const;      ///< no miss at all
 };

@@ -255,8 +255,10 @@ TEST(ConsistencyParts, CommandWritesJsonAndPage) {
                               "local, EKF map", "local, sparse map"})
       EXPECT_TRUE(models.count({dim, model})) << dim << " " << model;
   EXPECT_EQ(json.at("controls").size(), 6U);
+  EXPECT_TRUE(json.at("real_drift").is_array());
   const std::string page{std::istreambuf_iterator<char>(page_file), {}};
   EXPECT_NE(page.find("Negative controls"), std::string::npos);
+  EXPECT_NE(page.find("<h2>Real drift</h2>"), std::string::npos);
   EXPECT_NE(page.find("<svg"), std::string::npos);
   EXPECT_EQ(page.find("http://"), page.find("http://www.w3.org/"));  // nothing to fetch
   std::filesystem::remove_all(folder);
