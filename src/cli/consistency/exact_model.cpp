@@ -140,7 +140,7 @@ class ExactFleetMaker {
     BoundedErrors<G> bounded(persistent, draw_);
     if (persistent.bounded()) bounded.start(T_start);
     prior.persistent = drift_params_.persistent;
-    prior.persistent.up = bounded.up();
+    if (prior.persistent.bounded()) prior.persistent.up = bounded.up();
     insert(prior);
     insert(AnchorFact<G>{origin, {}});
     TrueTrack<G> track{chain(v), prior, {}};

@@ -46,8 +46,8 @@ loop edges. A loop edge becomes six landmarks around one of its poses that both 
 its uncertainty being the error they share: so facts go through selection, problem and sparse map as they do in a vehicle.
 To put the edges into a pose graph as they are would be nearer to the file, and judge none of that. Nothing is aligned to
 the truth. Loop edges agree with the truth suspiciously well, perhaps they were made from it: the fused figures are
-optimistic. Landmarks and pairings are perfect, so association is not judged here. Nor are the constants: these maps know
-rates alone.)";
+optimistic. Landmarks and pairings are perfect, so association is not judged here. With constants, the map estimates a
+scale and a heading rate of each vehicle beside everything else.)";
 
 SvgPlot::Style look_of(const std::string& model) {
   if (model.find("shipped") != std::string::npos) return {"#7b8794", 1.5, "2 3"};

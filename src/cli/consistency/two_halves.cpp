@@ -78,6 +78,7 @@ class Facts {
       Draw draw(start_seed, 0, 2);
       if (!first) prior.mean = prior.mean * SE2::Exp(-sigma.cwiseProduct(draw.unit_normal<3>()));
     }
+    prior.persistent = drift.persistent;
     insert(prior);
     std::set<std::size_t> at_loops;
     for (const G2oFile::Edge& edge : graph_.graph.edges)
@@ -279,13 +280,15 @@ HalvesStudy study_halves(const RealGraph& graph, const std::vector<RealGraph>& o
   study.length_m = graph.odometry.slam.states.back().abscissa_m;
   study.loops = quality_of(graph, graph.odometry.truth.size() / 2);
   const std::array<Half, 2> halves = cut(graph.odometry);
-  // Models that are local or literal; constants of a chain join here once the map has a variable for them.
   for (const SpanModel<SE2>& model : fitted.models) {
-    if (!model.constants.isZero()) continue;
-    const Facts facts(graph, halves, model.drift, true);
-    study.rows.push_back(dead_reckoned("dead reckoning, " + model.name, facts));
+    DriftParams<SE2> drift = model.drift;
+    drift.persistent.scale = std::sqrt(model.constants[0]);
+    drift.persistent.heading_rad_per_m = std::sqrt(model.constants[1]);
+    const Facts facts(graph, halves, drift, true);
+    if (!drift.persistent.constant())  // a covariance of its own states no constants
+      study.rows.push_back(dead_reckoned("dead reckoning, " + model.name, facts));
     study.rows.push_back(fused(model.name, facts, true));
-    study.rows.push_back(fused(model.name, Facts(graph, halves, model.drift, false), false));
+    study.rows.push_back(fused(model.name, Facts(graph, halves, drift, false), false));
     if (!study.truth.empty()) continue;
     for (const TrueTrack<SE2>& track : facts.tracks) {
       study.truth.emplace_back();

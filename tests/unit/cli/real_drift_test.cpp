@@ -303,7 +303,7 @@ TEST(TwoHalves, OfKnownDriftAreFusedConsistently) {
     const HalvesStudy study = study_halves(laps(run), others);
     EXPECT_GT(study.loops.crossing, 15);
     EXPECT_NEAR(study.loops.anees, 1.0, 0.7);
-    EXPECT_EQ(study.rows.size(), 9U);
+    EXPECT_EQ(study.rows.size(), 11U);
     for (const HalvesRow& row : study.rows) {
       if (row.model != "local, fitted rates") continue;
       EXPECT_TRUE(row.linked) << row.start;
@@ -448,7 +448,7 @@ TEST(RealDrift, OfKittisVehicle) {
     halves += entry.at("kind") == "halves";
     spans += entry.at("kind") == "spans";
   }
-  EXPECT_EQ(halves, 18);
+  EXPECT_EQ(halves, 22);
   EXPECT_GT(spans, 100);
   EXPECT_EQ(json, to_json(measure_real_drift(*root)));  // same files, same bits
 }
