@@ -1,14 +1,14 @@
 // A pose graph that grows: poses come in order, each with its factors, and only what they touch is solved again.
 //
-// The factorisation is kept as a tree of fronts, each with the update it handed to its parent. New factors take apart
-// the paths from their poses to the root; what hangs below stays as it is, and the top is ordered again with the newest
-// pose last (as iSAM2 does: Kaess et al., IJRR 2012). Poses that moved far from where they were linearised are
-// linearised again, in place. A pose that nothing but its odometry speaks of changes nothing and waits outside the
-// tree.
+// What is kept between two updates is a FrontTree, with the newest pose last in the order of elimination. Poses that moved
+// far from where they were linearised are linearised again, in place. A pose that nothing but its odometry speaks of changes
+// nothing and waits outside the tree.
 #pragma once
 
+#include <convoy/solver/front_tree.hpp>
 #include <convoy/solver/pose_graph.hpp>
 
+#include <memory>
 #include <span>
 #include <vector>
 
@@ -58,59 +58,33 @@ class IncrementalPoseGraph {
   PoseGraphReport finish();
 
  private:
-  struct Front {
-    std::vector<int> poses;  ///< eliminated here, then those of the separator
-    int own = 0;             ///< how many are eliminated here
-    int parent = -1;
-    std::vector<int> children;
-    int ld = 0, ld_update = 0;
-    std::vector<double> panel, update;  ///< the right-hand side is the last row
-    enum class Mark { keep, refactor, rebuild } mark = Mark::keep;
-  };
   static constexpr int D = G::Dof;
 
   bool valid(const PoseFactor<G>& factor, int poses) const;
+  void append_pose();
   int append(const PoseFactor<G>& factor);
   void update(std::vector<int> new_factors);
   bool is_far(int k, double factor) const;
-  void place(int k);
-  void relinearise();
-  void join(std::vector<int>& new_factors);
-  void mark_path(int front, typename Front::Mark mark);
-  void mark_involved(int pose);
-  bool refactor_marked();
-  bool rebuild_top();
-  void take_apart(std::vector<int>& top, std::vector<int>& orphans);
-  std::vector<int> order_top(const std::vector<int>& top, const std::vector<int>& orphans);
-  std::vector<int> build_fronts(const std::vector<int>& order, const std::vector<int>& orphans);
-  bool factor(int front);
-  void back_substitute();
-  void solve_front(const Front& front);
-  int new_front();
   int latest_factor(int k) const;
-  typename G::Adjoint tree_covariance(int i, int j);
-  void gather(const Front& front);
-  void rebuild_all();
+  void place(int k);
+  LinearTerm linear(const PoseFactor<G>& factor) const;
+  void relinearise(const std::vector<int>& poses);
+  void join(std::vector<int>& new_factors);
+  void enter(int pose);
+  void note_moved();
+  const FactoredTree& factored();
 
   IncrementalParams params_;
   std::vector<PoseFactor<G>> factors_;
-  std::vector<LinearPoseFactor<G>> linear_;
+  std::vector<int> term_of_;                  ///< of each factor; -1: not in the tree
   std::vector<std::vector<int>> factors_of_;  ///< of each pose
   std::vector<G> linearised_;                 ///< where each pose is linearised
-  std::vector<typename G::Tangent> step_;     ///< from there to the estimate
-  std::vector<int> front_of_;                 ///< -1: not in the tree
-  std::vector<int> waiting_;  ///< poses outside the tree, in order, each with its one factor to one before
-  std::vector<int> joining_;  ///< poses that enter the tree in this update
-  std::vector<Front> fronts_;
-  std::vector<int> free_, roots_;
-  std::vector<int> far_;                      ///< poses to linearise again, sorted
-  std::vector<int> candidates_;               ///< poses whose step changed and may be far
-  std::vector<int> where_, stamp_, changed_;  ///< scratch, by pose
-  std::vector<int> marked_;                   ///< fronts with a mark, parents before children once sorted
-  std::vector<typename G::Adjoint> column_;   ///< scratch: a block column of the covariance, by pose
-  std::vector<double> smallest_pivot_, front_column_;
-  int serial_ = 0, update_serial_ = 0;
-  bool broken_ = false;  ///< a factorisation failed: rebuild everything next time
+  std::vector<int> unknown_of_;               ///< of each pose; -1: not in the tree
+  std::vector<int> pose_of_;                  ///< of each unknown
+  std::vector<int> waiting_;     ///< poses outside the tree, in order, each with its one factor to one before
+  std::vector<int> far_;         ///< poses to linearise again, sorted
+  FrontTree tree_;
+  std::shared_ptr<const FactoredTree> factored_;  ///< null: not asked for since the last update
   IncrementalUpdate last_;
 };
 

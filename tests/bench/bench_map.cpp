@@ -104,11 +104,11 @@ void BM_sparse_map_by_blocks(benchmark::State& state) {
 }
 BENCHMARK(BM_sparse_map_by_blocks)->Arg(100)->Arg(1000)->Arg(10000)->Unit(benchmark::kMillisecond);
 
-// A fleet of range(0) vehicles with 200 anchors each; the last hypotheses come one by one, and each is a rebuild.
+// A fleet of range(0) vehicles with range(1) anchors each; the last hypotheses come one by one, and each is a rebuild.
 void BM_rebuild(benchmark::State& state) {
-  const int vehicles = static_cast<int>(state.range(0));
-  const bench::MapFleet fleet(vehicles, 200, 200 * vehicles, 2 + vehicles / 3);
-  const std::size_t rebuilds = std::min<std::size_t>(50, fleet.hypotheses.size() / 2);
+  const int vehicles = static_cast<int>(state.range(0)), anchors = static_cast<int>(state.range(1));
+  const bench::MapFleet fleet(vehicles, anchors, vehicles * anchors / (anchors < 1000 ? 1 : 5), anchors < 1000 ? 2 + vehicles / 3 : 10);
+  const std::size_t rebuilds = std::min<std::size_t>(anchors < 1000 ? 50 : 5, fleet.hypotheses.size() / 2);
   FactStore<SE2> store = fleet.store(fleet.hypotheses.size() - rebuilds);
   const SparseMap<SE2> backend;
   MapBuilder<SE2> builder(SelectionParams{}, backend);
@@ -129,6 +129,6 @@ void BM_rebuild(benchmark::State& state) {
   state.counters["hypotheses"] = static_cast<double>(global.selection.hypotheses.size());
   if (!global.map->report().converged) state.SkipWithError("the sparse map did not converge");
 }
-BENCHMARK(BM_rebuild)->Arg(1)->Arg(10)->Iterations(1)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_rebuild)->Args({1, 200})->Args({10, 200})->Args({10, 1000})->Args({100, 1000})->Iterations(1)->Unit(benchmark::kMillisecond);
 
 }  // namespace
