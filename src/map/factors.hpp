@@ -5,10 +5,6 @@
 #include <convoy/geometry/se3.hpp>
 #include <convoy/map/problem.hpp>
 
-#include <map>
-#include <utility>
-#include <vector>
-
 namespace convoy {
 
 /// F0: r = Log(M^-1 T), with J = dr / d(T).
@@ -105,36 +101,5 @@ struct AbsoluteFixResidual {
   typename G::Point r;
   typename G::PointJacobian J_T, J_D;
 };
-
-/// The F2 factors of one node together: one measurement, since their errors are shared.
-template <class G>
-struct BatchFactor {
-  int node = 0;
-  std::vector<const LandmarkFactor<G>*> landmarks;
-  Eigen::MatrixXd information;  ///< inverse joint covariance, Dim n x Dim n, node frame
-};
-
-/// In the order of their nodes. They point into `problem`.
-template <class G>
-std::vector<BatchFactor<G>> batch_factors(const Problem<G>& problem) {
-  std::map<int, BatchFactor<G>> by_node;
-  for (const LandmarkFactor<G>& f : problem.landmarks) by_node[f.node].landmarks.push_back(&f);
-  std::vector<BatchFactor<G>> factors;
-  for (auto& [node, factor] : by_node) {
-    const auto n = static_cast<Eigen::Index>(factor.landmarks.size());
-    Eigen::MatrixXd loading(G::Dim * n, G::Shared);
-    for (Eigen::Index i = 0; i < n; ++i)
-      loading.template middleRows<G::Dim>(G::Dim * i) = factor.landmarks[static_cast<std::size_t>(i)]->loading;
-    Eigen::MatrixXd covariance = loading * loading.transpose();
-    for (Eigen::Index i = 0; i < n; ++i)
-      covariance.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * i) =
-          factor.landmarks[static_cast<std::size_t>(i)]->covariance;
-    factor.node = node;
-    factor.information =
-        symmetrised(Eigen::MatrixXd(covariance.llt().solve(Eigen::MatrixXd::Identity(G::Dim * n, G::Dim * n))));
-    factors.push_back(std::move(factor));
-  }
-  return factors;
-}
 
 }  // namespace convoy

@@ -196,8 +196,6 @@ std::vector<SelectedEncounter> answered_encounters(const FactStore<G>& store, co
   return all;
 }
 
-void add(ContentHash& hash, const Key& key) { hash.add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4); }
-
 }  // namespace
 
 const char* to_string(HypothesisState state) {
@@ -452,14 +450,14 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
   ContentHash hash;
   for (const auto& members : selection.classes) {
     hash.add(static_cast<std::uint64_t>(members.size()), 4);
-    for (const Key& k : members) add(hash, k);
+    for (const Key& k : members) add_key(hash, k);
   }
   selection.fixes = thinned_fixes(store, params_, excluded);
-  for (const Key& key : selection.fixes) add(hash, key);
+  for (const Key& key : selection.fixes) add_key(hash, key);
   selection.encounters = answered_encounters(store, excluded);
   for (const SelectedEncounter& e : selection.encounters) {
-    add(hash, e.encounter);
-    add(hash, e.waypoint);
+    add_key(hash, e.encounter);
+    add_key(hash, e.waypoint);
   }
   selection.digest = hash.value();
   return selection;

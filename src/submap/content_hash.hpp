@@ -1,6 +1,8 @@
 // A byte-order independent content hash (FNV-1a, 64 bit, finished with the mixer of MurmurHash3).
 #pragma once
 
+#include <convoy/submap/facts.hpp>
+
 #include <Eigen/Core>
 #include <bit>
 #include <cstdint>
@@ -34,5 +36,9 @@ class ContentHash {
  private:
   std::uint64_t state_ = 0xcbf29ce484222325U;
 };
+
+inline void add_key(ContentHash& hash, const Key& key) {
+  hash.add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4);
+}
 
 }  // namespace convoy

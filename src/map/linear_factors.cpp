@@ -1,0 +1,251 @@
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+#include <convoy/map/factors.hpp>
+#include <convoy/map/linear_factors.hpp>
+#include <convoy/submap/content_hash.hpp>
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <numeric>
+
+namespace convoy {
+namespace {
+
+// H and b of a residual with its Jacobians by the unknowns of a term, in their order.
+template <int R, class... Jacobian>
+double accumulate(const Eigen::MatrixXd& information, const Eigen::Matrix<double, R, 1>& r, LinearTerm* term,
+                  const Jacobian&... jacobians) {
+  const Eigen::Matrix<double, R, R> W = information;
+  const Eigen::Matrix<double, R, 1> Wr = W * r;
+  if (term == nullptr) return r.dot(Wr);
+  Eigen::Matrix<double, R, (0 + ... + Jacobian::ColsAtCompileTime)> J;
+  int column = 0;
+  const auto put = [&](const auto& one) {
+    J.middleCols(column, one.cols()) = one;
+    column += static_cast<int>(one.cols());
+  };
+  (put(jacobians), ...);
+  term->H.noalias() = J.transpose() * (W * J);
+  term->b.noalias() = -(J.transpose() * Wr);
+  return r.dot(Wr);
+}
+
+}  // namespace
+
+template <class G>
+State<G> start_of(const Problem<G>& problem) {
+  State<G> state;
+  for (const Node<G>& node : problem.nodes) state.poses.push_back(node.initial);
+  state.points = problem.points;
+  for (const ConstantsFactor<G>& f : problem.constants) state.constants.push_back(f.mean);
+  return state;
+}
+
+template <class G>
+std::vector<int> unknown_sizes(const Problem<G>& problem) {
+  std::vector<int> sizes(problem.nodes.size(), G::Dof);
+  sizes.resize(sizes.size() + problem.points.size(), G::Dim);
+  sizes.resize(sizes.size() + problem.constants.size(), Constants<G>::RowsAtCompileTime);
+  return sizes;
+}
+
+template <class G>
+LinearFactors<G>::LinearFactors(const Problem<G>& p) : problem_(p) {
+  const auto each = [](const auto& list, const auto& visit) {
+    for (std::size_t k = 0; k < list.size(); ++k) visit(k, list[k]);
+  };
+  each(p.priors, [&](std::size_t k, const auto& f) { add(Kind::prior, k, {f.node}); });
+  each(p.constants, [&](std::size_t k, const auto&) { add(Kind::constants, k, {p.unknown_of_constants(static_cast<int>(k))}); });
+  each(p.drifts, [&](std::size_t k, const auto& f) {
+    if (f.constants < 0) add(Kind::drift, k, {f.a, f.b});
+    else add(Kind::drift, k, {f.a, f.b, p.unknown_of_constants(f.constants)});
+  });
+  each(p.bounded, [&](std::size_t k, const auto& f) {
+    if (f.a < 0) add(Kind::bounded, k, {f.b, p.unknown_of_constants(f.constants)});
+    else add(Kind::bounded, k, {f.a, f.b, p.unknown_of_constants(f.constants)});
+  });
+  each(p.fixes, [&](std::size_t k, const auto& f) {
+    if (f.datum < 0) add(Kind::fix, k, {f.node});
+    else add(Kind::fix, k, {f.node, f.datum});
+  });
+  each(p.encounters, [&](std::size_t k, const auto& f) { add(Kind::encounter, k, {f.observer, f.other}); });
+  add_landmarks();
+}
+
+template <class G>
+void LinearFactors<G>::add(Kind kind, std::size_t index, std::initializer_list<int> unknowns) {
+  factors_.push_back({kind, index, unknowns_.size(), unknowns.size()});
+  unknowns_.insert(unknowns_.end(), unknowns);
+}
+
+// By node, in their order. One whose error has nothing in common with the others' is a factor by itself.
+template <class G>
+void LinearFactors<G>::add_landmarks() {
+  const std::vector<LandmarkFactor<G>>& all = problem_.landmarks;
+  std::vector<std::size_t> end(problem_.nodes.size() + 1, 0);  // counting sort
+  for (const auto& l : all) ++end[at(l.node) + 1];
+  std::partial_sum(end.begin(), end.end(), end.begin());
+  by_node_.resize(all.size());
+  for (const auto& l : all) by_node_[end[at(l.node)]++] = &l;
+  for (auto first = by_node_.begin(); first != by_node_.end();) {
+    const int node = (*first)->node;
+    const auto last = std::find_if(first, by_node_.end(), [&](const auto* l) { return l->node != node; });
+    const auto shares = std::stable_partition(first, last, [](const auto* l) { return l->loading.isZero(0.0); });
+    for (auto l = first; l != shares; ++l)
+      add(Kind::landmarks, static_cast<std::size_t>(l - by_node_.begin()), {node, problem_.unknown_of_point((*l)->point)});
+    if (shares != last) {
+      add(Kind::landmarks, static_cast<std::size_t>(shares - by_node_.begin()), {node});
+      for (auto l = shares; l != last; ++l) unknowns_.push_back(problem_.unknown_of_point((*l)->point));
+      factors_.back().unknowns += static_cast<std::size_t>(last - shares);
+    }
+    first = last;
+  }
+}
+
+template <class G>
+Eigen::MatrixXd LinearFactors<G>::information(int k) const {
+  const Factor& f = factors_[at(k)];
+  switch (f.kind) {
+    case Kind::prior: return problem_.priors[f.index].covariance.inverse();
+    case Kind::constants: return problem_.constants[f.index].sigma.cwiseAbs2().cwiseInverse().asDiagonal();
+    case Kind::drift: return problem_.drifts[f.index].covariance.inverse();
+    case Kind::bounded: return problem_.bounded[f.index].information.asDiagonal();
+    case Kind::fix: return problem_.fixes[f.index].covariance.inverse();
+    case Kind::encounter: return problem_.encounters[f.index].covariance.inverse();
+    case Kind::landmarks: break;
+  }
+  const auto n = static_cast<Eigen::Index>(landmarks_in(f));
+  if (n == 1) return landmark(f, 0).covariance.inverse();
+  Eigen::MatrixXd loading(G::Dim * n, G::Shared);
+  for (Eigen::Index i = 0; i < n; ++i) loading.template middleRows<G::Dim>(G::Dim * i) = landmark(f, at(static_cast<int>(i))).loading;
+  Eigen::MatrixXd covariance = loading * loading.transpose();
+  for (Eigen::Index i = 0; i < n; ++i)
+    covariance.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * i) = landmark(f, at(static_cast<int>(i))).covariance;
+  return symmetrised(Eigen::MatrixXd(covariance.llt().solve(Eigen::MatrixXd::Identity(G::Dim * n, G::Dim * n))));
+}
+
+template <class G>
+double LinearFactors<G>::linearise(int k, const Eigen::MatrixXd& W, const State<G>& state, LinearTerm* term) const {
+  const Factor& factor = factors_[at(k)];
+  switch (factor.kind) {
+    case Kind::prior: {  // F0
+      const PriorFactor<G>& f = problem_.priors[factor.index];
+      const auto [r, J] = PriorResidual<G>(f, state.pose(f.node));
+      return accumulate(W, r, term, J);
+    }
+    case Kind::drift: {  // F1
+      const DriftFactor<G>& f = problem_.drifts[factor.index];
+      const DriftResidual<G> one(f, state.pose(f.a), state.pose(f.b), state.constants_of(f.constants));
+      if (f.constants < 0) return accumulate(W, one.r, term, one.J_a, one.J_b);
+      return accumulate(W, one.r, term, one.J_a, one.J_b, one.J_c);
+    }
+    case Kind::fix: {  // F3
+      const AbsoluteFixFactor<G>& f = problem_.fixes[factor.index];
+      const AbsoluteFixResidual<G> one(f, state.pose(f.node), f.datum < 0 ? G() : state.pose(f.datum));
+      if (f.datum < 0) return accumulate(W, one.r, term, one.J_T);
+      return accumulate(W, one.r, term, one.J_T, one.J_D);
+    }
+    case Kind::encounter: {  // F4
+      const EncounterFactor<G>& f = problem_.encounters[factor.index];
+      const EncounterResidual<G> one(f, state.pose(f.observer), state.pose(f.other));
+      return accumulate(W, one.r, term, one.J_o, one.J_w);
+    }
+    case Kind::constants: {  // F5
+      const Constants<G> r = state.constants[factor.index] - problem_.constants[factor.index].mean;
+      using Square = Eigen::Matrix<double, Constants<G>::RowsAtCompileTime, Constants<G>::RowsAtCompileTime>;
+      return accumulate(W, r, term, Square(Square::Identity()));
+    }
+    case Kind::bounded: {  // F6
+      if constexpr (G::Dim == 3) {
+        const BoundedFactor& f = problem_.bounded[factor.index];
+        const BoundedResidual one(f, f.a < 0 ? nullptr : &state.pose(f.a), state.pose(f.b), state.constants_of(f.constants)[2]);
+        Eigen::Matrix3d J_c = Eigen::Matrix3d::Zero();
+        J_c.col(2) = one.J_c;
+        if (f.a < 0) return accumulate(W, one.r, term, one.J_b, J_c);
+        return accumulate(W, one.r, term, one.J_a, one.J_b, J_c);
+      }
+      return 0.0;
+    }
+    case Kind::landmarks: break;
+  }
+  return landmarks(factor, W, state, term);
+}
+
+template <class G>
+double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, const State<G>& state, LinearTerm* term) const {
+  const G& T = state.pose(landmark(f, 0).node);
+  if (landmarks_in(f) == 1) {
+    const LandmarkFactor<G>& l = landmark(f, 0);
+    const LandmarkResidual<G> one(l, T, state.point(l.point));
+    return accumulate(W, one.r, term, one.J_T, one.J_m);
+  }
+  const auto n = static_cast<Eigen::Index>(landmarks_in(f));
+  const typename G::PointCovariance J_m = T.rotation().transpose();
+  Eigen::VectorXd r(G::Dim * n);
+  Eigen::Matrix<double, Eigen::Dynamic, G::Dof> J_T(G::Dim * n, G::Dof);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const LandmarkFactor<G>& l = landmark(f, static_cast<std::size_t>(i));
+    const LandmarkResidual<G> one(l, T, state.point(l.point));
+    r.template segment<G::Dim>(G::Dim * i) = one.r;
+    J_T.template middleRows<G::Dim>(G::Dim * i) = one.J_T;
+  }
+  const Eigen::VectorXd Wr = W.lazyProduct(r);  // too small for Eigen's packed kernels
+  if (term == nullptr) return r.dot(Wr);
+  const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = W.lazyProduct(J_T);
+  term->H.resize(G::Dof + G::Dim * n, G::Dof + G::Dim * n);
+  term->b.resize(G::Dof + G::Dim * n);
+  term->H.template topLeftCorner<G::Dof, G::Dof>() = J_T.transpose().lazyProduct(WJ);
+  term->b.template head<G::Dof>() = -(J_T.transpose() * Wr);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index row = G::Dof + G::Dim * i;
+    const typename G::PointJacobian H_mT = J_m.transpose() * WJ.template middleRows<G::Dim>(G::Dim * i);
+    term->H.template block<G::Dim, G::Dof>(row, 0) = H_mT;
+    term->H.template block<G::Dof, G::Dim>(0, row) = H_mT.transpose();
+    term->b.template segment<G::Dim>(row) = -(J_m.transpose() * Wr.template segment<G::Dim>(G::Dim * i));
+    for (Eigen::Index j = 0; j < n; ++j)
+      term->H.template block<G::Dim, G::Dim>(row, G::Dof + G::Dim * j) =
+          J_m.transpose() * W.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j) * J_m;
+  }
+  return r.dot(Wr);
+}
+
+// Facts never change, so that a key says what a landmark, a fix or an encounter is, and the nodes what lies between them.
+template <class G>
+Hash LinearFactors<G>::content(int k) const {
+  const Factor& f = factors_[at(k)];
+  ContentHash hash;
+  hash.add(static_cast<std::uint64_t>(f.kind), 1);
+  switch (f.kind) {
+    case Kind::prior:
+      add_group(hash, problem_.priors[f.index].mean);
+      hash.add(problem_.priors[f.index].covariance);
+      break;
+    case Kind::constants:
+      hash.add(problem_.constants[f.index].mean).add(problem_.constants[f.index].sigma);
+      break;
+    case Kind::drift:
+    case Kind::bounded: break;
+    case Kind::fix: add_key(hash, problem_.fixes[f.index].fix); break;
+    case Kind::encounter: add_key(hash, problem_.encounters[f.index].encounter); break;
+    case Kind::landmarks:
+      for (std::size_t i = 0; i < landmarks_in(f); ++i) add_key(hash, landmark(f, i).landmark);
+      break;
+  }
+  return hash.value();
+}
+
+template <class G>
+int LinearFactors<G>::residuals() const {
+  // F6 stands for what F1 no longer says.
+  return G::Dof * static_cast<int>(problem_.priors.size() + problem_.drifts.size()) +
+         G::Dim * static_cast<int>(problem_.landmarks.size() + problem_.fixes.size() + problem_.encounters.size()) +
+         Constants<G>::RowsAtCompileTime * static_cast<int>(problem_.constants.size());
+}
+
+#define CONVOY_INSTANTIATE(G)                                  \
+  template State<G> start_of(const Problem<G>&);               \
+  template std::vector<int> unknown_sizes(const Problem<G>&);  \
+  template class LinearFactors<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy

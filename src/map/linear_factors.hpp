@@ -1,0 +1,74 @@
+// The factors of a problem, each as a term of the normal equations at an estimate: H = J^T W J, b = -J^T W r.
+#pragma once
+
+#include <convoy/map/problem.hpp>
+#include <convoy/solver/front_tree.hpp>
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace convoy {
+
+/// An estimate of every unknown of a problem.
+template <class G>
+struct State {
+  std::vector<G> poses;                    ///< of Problem::nodes
+  std::vector<typename G::Point> points;   ///< of Problem::points
+  std::vector<Constants<G>> constants;     ///< of Problem::constants
+  const G& pose(int n) const { return poses[static_cast<std::size_t>(n)]; }
+  const typename G::Point& point(int p) const { return points[static_cast<std::size_t>(p)]; }
+  Constants<G> constants_of(int k) const { return k < 0 ? Constants<G>::Zero() : constants[static_cast<std::size_t>(k)]; }
+};
+
+/// Where a problem is started from.
+template <class G>
+State<G> start_of(const Problem<G>& problem);
+
+/// Rows of each unknown of a problem: of nodes, of points, of constants.
+template <class G>
+std::vector<int> unknown_sizes(const Problem<G>& problem);
+
+/// Factors are numbered in a canonical order. The landmarks of one node whose errors have a part in common are one factor
+/// (F2), since they are one measurement.
+template <class G>
+class LinearFactors {
+ public:
+  /// `problem` must outlive it.
+  explicit LinearFactors(const Problem<G>& problem);
+
+  int size() const { return static_cast<int>(factors_.size()); }
+  /// What factor k speaks of, each once, by the numbers of the problem.
+  std::span<const int> unknowns(int k) const {
+    return std::span(unknowns_).subspan(factors_[at(k)].first_unknown, factors_[at(k)].unknowns);
+  }
+  /// W, the inverse covariance of its residual.
+  Eigen::MatrixXd information(int k) const;
+  /// H and b of factor k, rows of its unknowns stacked, and r^T W r. `term` null: that alone.
+  double linearise(int k, const Eigen::MatrixXd& W, const State<G>& at, LinearTerm* term) const;
+  /// The same for the same content, whatever its number and those of its unknowns; does not tell those of them.
+  Hash content(int k) const;
+  /// Rows of all residuals together.
+  int residuals() const;
+
+ private:
+  enum class Kind : std::uint8_t { prior, constants, drift, bounded, fix, encounter, landmarks };
+  struct Factor {
+    Kind kind;
+    std::size_t index;                   // within its kind; of landmarks: the first one in by_node_
+    std::size_t first_unknown, unknowns; // in unknowns_; of landmarks: the node, then the points
+  };
+  static std::size_t at(int k) { return static_cast<std::size_t>(k); }
+  void add(Kind kind, std::size_t index, std::initializer_list<int> unknowns);
+  void add_landmarks();
+  std::size_t landmarks_in(const Factor& f) const { return f.unknowns - 1; }
+  const LandmarkFactor<G>& landmark(const Factor& f, std::size_t i) const { return *by_node_[f.index + i]; }
+  double landmarks(const Factor& f, const Eigen::MatrixXd& W, const State<G>& state, LinearTerm* term) const;
+
+  const Problem<G>& problem_;
+  std::vector<Factor> factors_;
+  std::vector<int> unknowns_;
+  std::vector<const LandmarkFactor<G>*> by_node_;
+};
+
+}  // namespace convoy
