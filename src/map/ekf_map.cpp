@@ -149,9 +149,8 @@ std::unique_ptr<Map<G>> EkfMap<G>::solve(Problem<G> problem) const {
       }
     }
   }
-  std::vector<G> poses = filter.poses;
-  std::vector<typename G::Point> points = filter.points;
-  return std::make_unique<Map<G>>(std::move(problem), std::move(poses), std::move(points), std::vector<Constants<G>>(), report,
+  State<G> at{filter.poses, filter.points, {}};
+  return std::make_unique<Map<G>>(std::make_shared<const Problem<G>>(std::move(problem)), std::move(at), report,
                                   std::make_unique<FilterCovariance<G>>(std::move(filter)));
 }
 

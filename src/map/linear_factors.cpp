@@ -33,23 +33,6 @@ double accumulate(const Eigen::MatrixXd& information, const Eigen::Matrix<double
 }  // namespace
 
 template <class G>
-State<G> start_of(const Problem<G>& problem) {
-  State<G> state;
-  for (const Node<G>& node : problem.nodes) state.poses.push_back(node.initial);
-  state.points = problem.points;
-  for (const ConstantsFactor<G>& f : problem.constants) state.constants.push_back(f.mean);
-  return state;
-}
-
-template <class G>
-std::vector<int> unknown_sizes(const Problem<G>& problem) {
-  std::vector<int> sizes(problem.nodes.size(), G::Dof);
-  sizes.resize(sizes.size() + problem.points.size(), G::Dim);
-  sizes.resize(sizes.size() + problem.constants.size(), Constants<G>::RowsAtCompileTime);
-  return sizes;
-}
-
-template <class G>
 LinearFactors<G>::LinearFactors(const Problem<G>& p) : problem_(p) {
   const auto each = [](const auto& list, const auto& visit) {
     for (std::size_t k = 0; k < list.size(); ++k) visit(k, list[k]);
@@ -242,10 +225,7 @@ int LinearFactors<G>::residuals() const {
          Constants<G>::RowsAtCompileTime * static_cast<int>(problem_.constants.size());
 }
 
-#define CONVOY_INSTANTIATE(G)                                  \
-  template State<G> start_of(const Problem<G>&);               \
-  template std::vector<int> unknown_sizes(const Problem<G>&);  \
-  template class LinearFactors<G>;
+#define CONVOY_INSTANTIATE(G) template class LinearFactors<G>;
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -10,25 +10,6 @@
 
 namespace convoy {
 
-/// An estimate of every unknown of a problem.
-template <class G>
-struct State {
-  std::vector<G> poses;                    ///< of Problem::nodes
-  std::vector<typename G::Point> points;   ///< of Problem::points
-  std::vector<Constants<G>> constants;     ///< of Problem::constants
-  const G& pose(int n) const { return poses[static_cast<std::size_t>(n)]; }
-  const typename G::Point& point(int p) const { return points[static_cast<std::size_t>(p)]; }
-  Constants<G> constants_of(int k) const { return k < 0 ? Constants<G>::Zero() : constants[static_cast<std::size_t>(k)]; }
-};
-
-/// Where a problem is started from.
-template <class G>
-State<G> start_of(const Problem<G>& problem);
-
-/// Rows of each unknown of a problem: of nodes, of points, of constants.
-template <class G>
-std::vector<int> unknown_sizes(const Problem<G>& problem);
-
 /// Factors are numbered in a canonical order. The landmarks of one node whose errors have a part in common are one factor
 /// (F2), since they are one measurement.
 template <class G>

@@ -10,31 +10,26 @@
 namespace convoy {
 
 template <class G>
-Map<G>::Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points,
-            std::vector<Constants<G>> constants, SolveReport report, std::unique_ptr<CovarianceSource<G>> covariances)
-    : problem_(std::move(problem)),
-      poses_(std::move(poses)),
-      points_(std::move(points)),
-      constants_(std::move(constants)),
-      report_(report),
-      covariances_(std::move(covariances)) {
+Map<G>::Map(std::shared_ptr<const Problem<G>> problem, State<G> solution, SolveReport report,
+            std::unique_ptr<CovarianceSource<G>> covariances)
+    : problem_(std::move(problem)), at_(std::move(solution)), report_(report), covariances_(std::move(covariances)) {
   ContentHash hash;
-  for (const ChainSpan& span : problem_.chains)
+  for (const ChainSpan& span : problem_->chains)
     hash.add(span.chain.vehicle, 4).add(span.chain.epoch).add(span.aligned ? 1U : 0U, 1);
-  for (std::size_t n = 0; n < poses_.size(); ++n) {
-    hash.add(problem_.nodes[n].anchor.index, 4);
-    add_group(hash, poses_[n]);
+  for (std::size_t n = 0; n < at_.poses.size(); ++n) {
+    hash.add(problem_->nodes[n].anchor.index, 4);
+    add_group(hash, at_.poses[n]);
   }
-  for (const auto& point : points_) hash.add(point);
-  for (const auto& c : constants_) hash.add(c);
+  for (const auto& point : at_.points) hash.add(point);
+  for (const auto& c : at_.constants) hash.add(c);
   digest_ = hash.value();
 }
 
 template <class G>
 const ChainSpan* Map<G>::span(const ChainId& chain) const {
-  const auto it = std::lower_bound(problem_.chains.begin(), problem_.chains.end(), chain,
+  const auto it = std::lower_bound(problem_->chains.begin(), problem_->chains.end(), chain,
                                    [](const ChainSpan& s, const ChainId& id) { return s.chain < id; });
-  return it != problem_.chains.end() && it->chain == chain ? &*it : nullptr;
+  return it != problem_->chains.end() && it->chain == chain ? &*it : nullptr;
 }
 
 template <class G>
@@ -66,7 +61,7 @@ struct LocalPose {
 
 template <class G>
 typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>& state) const {
-  const auto& nodes = problem_.nodes;
+  const auto& nodes = problem_->nodes;
   const auto slam = [&](int n) -> const ChainState<G>& { return nodes[static_cast<std::size_t>(n)].slam; };
   int before = s.first;  // the last node not later than the state
   while (before + 1 < s.end && slam(before + 1).stamp_s <= state.stamp_s) ++before;
@@ -74,8 +69,8 @@ typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>
   p.first = before;
   p.second = before + 1 < s.end ? before + 1 : -1;
   p.constants = s.constants;
-  const G& T_a = poses_[static_cast<std::size_t>(before)];
-  const Constants<G> c = s.constants < 0 ? Constants<G>::Zero() : constants_[static_cast<std::size_t>(s.constants)];
+  const G& T_a = at_.pose(before);
+  const Constants<G> c = at_.constants_of(s.constants);
   const DriftFactor<G> to_here = drift_between(slam(before), state, s);
   p.mean = s.constants < 0 ? T_a * to_here.motion : T_a * (to_here.motion * G::Exp(to_here.A * c));
   const bool bounded = s.persistent.bounded();
@@ -96,7 +91,7 @@ typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>
     const DriftResidual<G> r_a(to_here, T_a, p.mean, c);
     local.add(r_a.r, W_a, r_a.J_b, local.H_first, r_a.J_a, r_a.J_c);
     if (p.second >= 0) {
-      const DriftResidual<G> r_b(onwards, p.mean, poses_[static_cast<std::size_t>(p.second)], c);
+      const DriftResidual<G> r_b(onwards, p.mean, at_.pose(p.second), c);
       local.add(r_b.r, W_b, r_b.J_a, local.H_second, r_b.J_b, r_b.J_c);
     }
     if constexpr (G::Dim == 3) {
@@ -110,7 +105,7 @@ typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>
       };
       if (bounded) add(bounded_between(&slam(before), state, s), T_a, p.mean, true, local.H_first);
       if (bounded && p.second >= 0)
-        add(bounded_between(&state, slam(p.second), s), p.mean, poses_[static_cast<std::size_t>(p.second)], false, local.H_second);
+        add(bounded_between(&state, slam(p.second), s), p.mean, at_.pose(p.second), false, local.H_second);
     }
     p.mean = p.mean * G::Exp(local.H.ldlt().solve(local.g));
   }
@@ -125,7 +120,7 @@ template <class G>
 std::vector<std::pair<int, Eigen::MatrixXd>> Map<G>::parts(const Placement& p) const {
   std::vector<std::pair<int, Eigen::MatrixXd>> parts{{p.first, p.A}};
   if (p.second >= 0) parts.emplace_back(p.second, p.B);
-  if (p.constants >= 0) parts.emplace_back(problem_.unknown_of_constants(p.constants), p.C);
+  if (p.constants >= 0) parts.emplace_back(problem_->unknown_of_constants(p.constants), p.C);
   return parts;
 }
 
@@ -173,7 +168,7 @@ std::optional<Surroundings<G>> Map<G>::surroundings(const ChainId& chain, const 
     unknowns.push_back(unknown);
     n += J.cols();
   }
-  for (const int c : classes) unknowns.push_back(problem_.unknown_of_point(c));
+  for (const int c : classes) unknowns.push_back(problem_->unknown_of_point(c));
   const Eigen::Index rest = G::Dim * static_cast<Eigen::Index>(classes.size());
   Eigen::MatrixXd F = Eigen::MatrixXd::Zero(G::Dof + rest, n + rest);  // unknowns -> pose and points
   Eigen::Index column = 0;
@@ -184,7 +179,7 @@ std::optional<Surroundings<G>> Map<G>::surroundings(const ChainId& chain, const 
   F.bottomRightCorner(rest, rest).setIdentity();
   Surroundings<G> around{
       p.mean, p.noise, {}, symmetrised(Eigen::MatrixXd(F * covariances_->joint(unknowns) * F.transpose()))};
-  for (const int c : classes) around.points.push_back(points_[static_cast<std::size_t>(c)]);
+  for (const int c : classes) around.points.push_back(at_.point(c));
   return around;
 }
 
@@ -203,31 +198,31 @@ std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, cons
 
 template <class G>
 PointEstimate<G> Map<G>::class_point(int index) {
-  const int unknown = problem_.unknown_of_point(index);
-  return {points_[static_cast<std::size_t>(index)], covariances_->between(unknown, unknown)};
+  const int unknown = problem_->unknown_of_point(index);
+  return {at_.point(index), covariances_->between(unknown, unknown)};
 }
 
 template <class G>
 std::optional<Estimate<G>> Map<G>::datum() {
-  if (problem_.datum < 0) return std::nullopt;
-  return Estimate<G>{poses_[static_cast<std::size_t>(problem_.datum)],
-                     symmetrised(typename G::Covariance(covariances_->between(problem_.datum, problem_.datum)))};
+  if (problem_->datum < 0) return std::nullopt;
+  return Estimate<G>{at_.pose(problem_->datum),
+                     symmetrised(typename G::Covariance(covariances_->between(problem_->datum, problem_->datum)))};
 }
 
 template <class G>
 std::optional<typename Map<G>::Learnt> Map<G>::constants(const ChainId& chain) {
   const ChainSpan* s = span(chain);
   if (s == nullptr || s->constants < 0 || !s->persistent.constant()) return std::nullopt;
-  const int unknown = problem_.unknown_of_constants(s->constants);
+  const int unknown = problem_->unknown_of_constants(s->constants);
   const Eigen::MatrixXd P = covariances_->between(unknown, unknown);
-  const Constants<G>& c = constants_[static_cast<std::size_t>(s->constants)];
+  const Constants<G>& c = at_.constants[static_cast<std::size_t>(s->constants)];
   return Learnt{c.template head<2>(), P.diagonal().template head<2>().cwiseSqrt()};
 }
 
 template <class G>
 std::pair<double, int> Map<G>::contradiction(const AbsoluteFixFactor<G>& f) {
-  const G& T = poses_[static_cast<std::size_t>(f.node)];
-  const G D = f.datum < 0 ? G() : poses_[static_cast<std::size_t>(f.datum)];
+  const G& T = at_.pose(f.node);
+  const G D = f.datum < 0 ? G() : at_.pose(f.datum);
   const AbsoluteFixResidual<G> one(f, T, D);
   if (f.datum < 0) return contradiction(one.r, f.covariance, {{f.node, one.J_T}});
   return contradiction(one.r, f.covariance, {{f.node, one.J_T}, {f.datum, one.J_D}});
@@ -235,7 +230,7 @@ std::pair<double, int> Map<G>::contradiction(const AbsoluteFixFactor<G>& f) {
 
 template <class G>
 std::pair<double, int> Map<G>::contradiction(const EncounterFactor<G>& f) {
-  const EncounterResidual<G> one(f, poses_[static_cast<std::size_t>(f.observer)], poses_[static_cast<std::size_t>(f.other)]);
+  const EncounterResidual<G> one(f, at_.pose(f.observer), at_.pose(f.other));
   return contradiction(one.r, f.covariance, {{f.observer, one.J_o}, {f.other, one.J_w}});
 }
 

@@ -57,8 +57,8 @@ struct SolveReport {
 template <class G>
 class Map {
  public:
-  Map(Problem<G> problem, std::vector<G> poses, std::vector<typename G::Point> points,
-      std::vector<Constants<G>> constants, SolveReport report, std::unique_ptr<CovarianceSource<G>> covariances);
+  Map(std::shared_ptr<const Problem<G>> problem, State<G> solution, SolveReport report,
+      std::unique_ptr<CovarianceSource<G>> covariances);
 
   /// True if the chain is known and expressed in the common frame.
   bool aligned(const ChainId& chain) const;
@@ -99,11 +99,11 @@ class Map {
   std::pair<double, int> contradiction(const AbsoluteFixFactor<G>& fix);
   std::pair<double, int> contradiction(const EncounterFactor<G>& encounter);
 
-  const Problem<G>& problem() const { return problem_; }
-  const std::vector<G>& poses() const { return poses_; }                    ///< of Problem::nodes
-  const std::vector<typename G::Point>& points() const { return points_; }  ///< of Problem::points
+  const Problem<G>& problem() const { return *problem_; }
+  const std::vector<G>& poses() const { return at_.poses; }                    ///< of Problem::nodes
+  const std::vector<typename G::Point>& points() const { return at_.points; }  ///< of Problem::points
+  const std::vector<Constants<G>>& constants() const { return at_.constants; } ///< of Problem::constants
   const SolveReport& report() const { return report_; }
-  const std::vector<Constants<G>>& constants() const { return constants_; }  ///< of Problem::constants
   /// Hash of every pose and point to the bit. Equal for equal facts.
   Hash digest() const { return digest_; }
 
@@ -124,10 +124,8 @@ class Map {
   std::pair<double, int> contradiction(const typename G::Point& r, const typename G::PointCovariance& S,
                                        const std::vector<std::pair<int, PointJacobian>>& jacobians);
 
-  Problem<G> problem_;
-  std::vector<G> poses_;
-  std::vector<typename G::Point> points_;
-  std::vector<Constants<G>> constants_;
+  std::shared_ptr<const Problem<G>> problem_;
+  State<G> at_;
   SolveReport report_;
   std::unique_ptr<CovarianceSource<G>> covariances_;
   Hash digest_ = 0;

@@ -179,7 +179,10 @@ class ProblemBuilder {
       place_group(members, first, prior != nullptr ? prior->mean : levelled(first));
       if (prior == nullptr) gauges_.push_back(first);
       const bool aligned = any_prior ? prior != nullptr : root == common;
-      for (const int chain : members) problem_.chains[static_cast<std::size_t>(chain)].aligned = aligned;
+      for (const int chain : members) {
+        problem_.chains[static_cast<std::size_t>(chain)].aligned = aligned;
+        problem_.chains[static_cast<std::size_t>(chain)].placed_from = chain_id(first);
+      }
     }
   }
 
@@ -304,6 +307,7 @@ class ProblemBuilder {
   // Into the common frame, from one of its own: its gauge is no longer wanted.
   void move_chain(int chain, const G& T_common_here) {
     problem_.chains[static_cast<std::size_t>(chain)].aligned = true;
+    problem_.chains[static_cast<std::size_t>(chain)].placed_from = {};
     if (std::erase(gauges_, chain) > 0) floating_.push_back(chain);
     each_node(chain, [&](Node<G>& node) { node.initial = T_common_here * node.initial; });
   }
@@ -528,6 +532,23 @@ typename G::Covariance opened(typename G::Covariance Q, const G& motion, const G
 }  // namespace
 
 template <class G>
+State<G> start_of(const Problem<G>& problem) {
+  State<G> state;
+  for (const Node<G>& node : problem.nodes) state.poses.push_back(node.initial);
+  state.points = problem.points;
+  for (const ConstantsFactor<G>& f : problem.constants) state.constants.push_back(f.mean);
+  return state;
+}
+
+template <class G>
+std::vector<int> unknown_sizes(const Problem<G>& problem) {
+  std::vector<int> sizes(problem.nodes.size(), G::Dof);
+  sizes.resize(sizes.size() + problem.points.size(), G::Dim);
+  sizes.resize(sizes.size() + problem.constants.size(), Constants<G>::RowsAtCompileTime);
+  return sizes;
+}
+
+template <class G>
 DriftFactor<G> drift_between(const ChainState<G>& a, const ChainState<G>& b, const ChainSpan& span) {
   const Increment<G> step = increment(a, b);
   DriftFactor<G> f{0, 0, step.motion, step.covariance, span.constants};
@@ -565,6 +586,8 @@ Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selectio
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                                         \
+  template State<G> start_of(const Problem<G>&);                                                                      \
+  template std::vector<int> unknown_sizes(const Problem<G>&);                                                         \
   template DriftFactor<G> drift_between(const ChainState<G>&, const ChainState<G>&, const ChainSpan&);                \
   template BoundedFactor bounded_between(const ChainState<G>*, const ChainState<G>&, const ChainSpan&);               \
   template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, const ProblemOptions&);

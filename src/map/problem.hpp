@@ -92,6 +92,7 @@ struct ChainSpan {
   ChainId chain;
   int first = 0, end = 0;  ///< its nodes; the first is the start of the epoch, index 0
   bool aligned = false;    ///< expressed in the common frame; else in a frame of its own
+  ChainId placed_from = {};  ///< where its start values begin; nobody: absolute fixes or encounters have placed it
   int constants = -1;      ///< of Problem::constants; -1: none
   PersistentDrift persistent = {};
 };
@@ -115,6 +116,53 @@ struct Problem {
   int unknown_of_point(int p) const { return static_cast<int>(nodes.size()) + p; }
   int unknown_of_constants(int k) const { return static_cast<int>(nodes.size() + points.size()) + k; }
 };
+
+/// An estimate of every unknown of a problem.
+template <class G>
+struct State {
+  /// Between two estimates of one unknown: a right perturbation of a node, a difference of points or constants.
+  using Step = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, G::Dof, 1>;
+
+  std::vector<G> poses;                    ///< of Problem::nodes
+  std::vector<typename G::Point> points;   ///< of Problem::points
+  std::vector<Constants<G>> constants;     ///< of Problem::constants
+
+  const G& pose(int n) const { return poses[static_cast<std::size_t>(n)]; }
+  const typename G::Point& point(int p) const { return points[static_cast<std::size_t>(p)]; }
+  Constants<G> constants_of(int k) const { return k < 0 ? Constants<G>::Zero() : constants[static_cast<std::size_t>(k)]; }
+
+  // Any unknown, by its number in the problem.
+  int size() const { return static_cast<int>(poses.size() + points.size() + constants.size()); }
+  bool is_node(int u) const { return static_cast<std::size_t>(u) < poses.size(); }
+  bool is_point(int u) const { return !is_node(u) && static_cast<std::size_t>(u) < poses.size() + points.size(); }
+  void set(int u, const State& from, int v) {
+    if (is_node(u)) poses[static_cast<std::size_t>(u)] = from.pose(v);
+    else if (is_point(u)) points[point_index(u)] = from.points[from.point_index(v)];
+    else constants[constants_index(u)] = from.constants[from.constants_index(v)];
+  }
+  void move(int u, const State& from, const Step& step) {
+    if (is_node(u)) poses[static_cast<std::size_t>(u)] = from.pose(u) * G::Exp(typename G::Tangent(step));
+    else if (is_point(u)) points[point_index(u)] = from.points[point_index(u)] + step;
+    else constants[constants_index(u)] = from.constants[constants_index(u)] + step;
+  }
+  Step step_to(const State& to, int u, int v) const {
+    if (is_node(u)) return (pose(u).inverse() * to.pose(v)).Log();
+    if (is_point(u)) return to.points[to.point_index(v)] - points[point_index(u)];
+    return to.constants[to.constants_index(v)] - constants[constants_index(u)];
+  }
+
+ private:
+  std::size_t point_index(int u) const { return static_cast<std::size_t>(u) - poses.size(); }
+  std::size_t constants_index(int u) const { return static_cast<std::size_t>(u) - poses.size() - points.size(); }
+};
+
+/// Where a problem is started from.
+template <class G>
+State<G> start_of(const Problem<G>& problem);
+
+/// Rows of each unknown of a problem: of nodes, of points, of constants.
+template <class G>
+std::vector<int> unknown_sizes(const Problem<G>& problem);
 
 /// What stands between two states of a chain whose persistent drift is known.
 template <class G>

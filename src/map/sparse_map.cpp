@@ -121,10 +121,11 @@ class NormalEquations {
 }  // namespace
 
 template <class G>
-std::unique_ptr<Map<G>> SparseMap<G>::solve(Problem<G> problem) const {
-  NormalEquations<G> equations(problem);
+std::unique_ptr<Map<G>> SparseMap<G>::solve(Problem<G> stated) const {
+  const auto problem = std::make_shared<const Problem<G>>(std::move(stated));
+  NormalEquations<G> equations(*problem);
   BlockCholesky& solver = equations.solver();
-  State<G> at = start_of(problem), moved = at;
+  State<G> at = start_of(*problem), moved = at;
   Eigen::VectorXd step;
   SolveReport report;
   double chi2 = equations.linearise(at), damping = 0.0;
@@ -159,8 +160,7 @@ std::unique_ptr<Map<G>> SparseMap<G>::solve(Problem<G> problem) const {
   report.chi2 = chi2;
   report.dof = equations.residuals() - solver.size();
   auto covariances = std::make_unique<SparseCovariance<G>>(std::move(solver));
-  return std::make_unique<Map<G>>(std::move(problem), std::move(at.poses), std::move(at.points), std::move(at.constants),
-                                  report, std::move(covariances));
+  return std::make_unique<Map<G>>(problem, std::move(at), report, std::move(covariances));
 }
 
 #define CONVOY_INSTANTIATE(G) template class SparseMap<G>;

@@ -459,7 +459,7 @@ std::shared_ptr<const FactoredTree> FrontTree::factored() const {
 }
 
 // H^-1 = L^-T L^-1, so a block of it is the product of two half-solved columns, which live on their paths alone.
-FactoredTree::Path FactoredTree::path_of(int unknown) const {
+FactoredTree::Path FactoredTree::half_solved(int unknown) const {
   const auto at = [](int i) { return static_cast<std::size_t>(i); };
   Path path;
   Eigen::MatrixXd handed_up;  // rows of the separator of the front before
@@ -509,24 +509,26 @@ Eigen::MatrixXd FactoredTree::product(const Path& a, const Path& b) {
   return sum;
 }
 
+const FactoredTree::Path& FactoredTree::path_of(int unknown) const {
+  const auto [it, fresh] = paths_.try_emplace(unknown);
+  if (fresh) it->second = half_solved(unknown);
+  return it->second;
+}
+
 Eigen::MatrixXd FactoredTree::covariance(int i, int j) const {
-  const Path a = path_of(i);
-  return i == j ? product(a, a) : product(a, path_of(j));
+  const Path& a = path_of(i);
+  return product(a, path_of(j));
 }
 
 Eigen::MatrixXd FactoredTree::joint_covariance(const std::vector<int>& unknowns) const {
-  std::vector<Path> paths;
   Eigen::Index rows = 0;
-  for (const int u : unknowns) {
-    paths.push_back(path_of(u));
-    rows += size(u);
-  }
+  for (const int u : unknowns) rows += size(u);
   Eigen::MatrixXd P(rows, rows);
   Eigen::Index row = 0;
-  for (std::size_t i = 0; i < paths.size(); ++i) {
+  for (std::size_t i = 0; i < unknowns.size(); ++i) {
     Eigen::Index column = 0;
     for (std::size_t j = 0; j <= i; ++j) {
-      const Eigen::MatrixXd block = product(paths[i], paths[j]);
+      const Eigen::MatrixXd block = covariance(unknowns[i], unknowns[j]);
       P.block(row, column, block.rows(), block.cols()) = block;
       P.block(column, row, block.cols(), block.rows()) = block.transpose();
       column += block.cols();

@@ -11,6 +11,7 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <map>
 #include <memory>
 #include <span>
 #include <vector>
@@ -27,9 +28,10 @@ struct LinearTerm {
 /// A factorisation for questions about covariances. Not to be used from two threads at once, but independent of its tree.
 class FactoredTree {
  public:
-  /// Block (i, j) of H^-1, in time of the paths of i and j to the root. Both must have been in the tree.
+  /// Block (i, j) of H^-1. Both must have been in the tree. The first question about an unknown takes the time of its path to
+  /// the root, those that follow only that of a product.
   Eigen::MatrixXd covariance(int i, int j) const;
-  /// Of several unknowns stacked, in time of their paths.
+  /// Of several unknowns stacked.
   Eigen::MatrixXd joint_covariance(const std::vector<int>& unknowns) const;
 
  private:
@@ -45,13 +47,15 @@ class FactoredTree {
     std::vector<int> fronts;           ///< from the unknown's own to the root
     std::vector<Eigen::MatrixXd> half; ///< rows of L^-1 E, E the columns of the unknown, front by front
   };
-  Path path_of(int unknown) const;
+  const Path& path_of(int unknown) const;
+  Path half_solved(int unknown) const;
   static Eigen::MatrixXd product(const Path& a, const Path& b);
   int size(int unknown) const { return sizes_[static_cast<std::size_t>(unknown)]; }
 
   std::vector<std::shared_ptr<const Front>> fronts_;
   std::vector<int> parents_, front_of_, sizes_;
-  mutable std::vector<int> row_of_;  // scratch, by unknown
+  mutable std::map<int, Path> paths_;  // asked for so far
+  mutable std::vector<int> row_of_;    // scratch, by unknown
 };
 
 class FrontTree {

@@ -183,7 +183,7 @@ TEST(Map, DigestIsOfEveryPoseToTheBit) {
     for (std::size_t p = 0; p < s.map().problem().points.size(); ++p)
       points.push_back(s.map().class_point(static_cast<int>(p)).mean);
     change(poses, points);
-    return Map<SE2>(s.map().problem(), poses, points, {}, {}, nullptr).digest();
+    return Map<SE2>(std::make_shared<const Problem<SE2>>(s.map().problem()), {poses, points, {}}, {}, nullptr).digest();
   };
   EXPECT_EQ(remade([](auto&, auto&) {}), s.map().digest());
   const double next = std::nextafter(s.map().poses().back().translation().x(), 1e9);

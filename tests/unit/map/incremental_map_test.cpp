@@ -1,0 +1,185 @@
+// IncrementalMap against SparseMap, whatever comes, goes or turns out differently.
+#include <convoy/map/incremental_map.hpp>
+#include <convoy/map/sparse_map.hpp>
+
+#include "sample_fleet.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdio>
+#include <variant>
+
+namespace convoy {
+namespace {
+
+using test::built;
+using test::key_of;
+
+template <class G>
+class IncrementalMaps : public testing::Test {};
+using Groups = testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(IncrementalMaps, Groups);
+
+/// Largest difference of an estimate, in standard deviations of the exact one, and largest ratio of two variances.
+struct Difference {
+  double sigmas = 0.0, variance_ratio = 1.0;
+};
+
+template <class G>
+Difference difference(Map<G>& a, Map<G>& exact) {
+  Difference d;
+  const State<G> sa{a.poses(), a.points(), a.constants()}, sb{exact.poses(), exact.points(), exact.constants()};
+  EXPECT_EQ(sa.size(), sb.size());
+  const auto compare = [&](const auto& step, const auto& P_a, const auto& P_b) {
+    for (Eigen::Index i = 0; i < step.size(); ++i) {
+      d.sigmas = std::max(d.sigmas, std::abs(step[i]) / std::sqrt(P_b(i, i)));
+      d.variance_ratio = std::max({d.variance_ratio, P_a(i, i) / P_b(i, i), P_b(i, i) / P_a(i, i)});
+    }
+  };
+  for (int u = 0; u < sa.size(); ++u) {
+    const auto step = sb.step_to(sa, u, u);
+    if (sa.is_node(u) && exact.problem().datum != u) {
+      const auto& node = exact.problem().nodes[static_cast<std::size_t>(u)];
+      compare(step, a.pose(node.anchor.chain, node.slam)->covariance, exact.pose(node.anchor.chain, node.slam)->covariance);
+    } else if (sa.is_point(u)) {
+      const int p = u - exact.problem().unknown_of_point(0);
+      compare(step, a.class_point(p).covariance, exact.class_point(p).covariance);
+    }
+  }
+  return d;
+}
+
+/// Facts come in any order; after every few of them both maps are solved and compared. Returns from how many starts.
+template <class G>
+int grow_and_compare(std::vector<test::FactOf<G>> facts, std::uint64_t seed, int step) {
+  std::mt19937_64 random(seed);
+  std::shuffle(facts.begin(), facts.end(), random);
+  FactStore<G> store;
+  IncrementalMap<G> incremental;
+  int solved = 0, from_start = 0;
+  for (std::size_t k = 0; k < facts.size(); ++k) {
+    test::insert(store, facts[k]);
+    if (k % static_cast<std::size_t>(step) != 0 && k + 1 != facts.size()) continue;
+    const Selection<G> selection = select(store, SelectionParams{});
+    const auto map = incremental.solve(build_problem<G>(store, selection));
+    const auto exact = SparseMap<G>().solve(build_problem<G>(store, selection));
+    const Difference d = difference(*map, *exact);
+    EXPECT_LT(d.sigmas, 0.1) << "fact " << k;
+    EXPECT_LT(d.variance_ratio, 1.1) << "fact " << k;
+    EXPECT_EQ(map->report().dof, exact->report().dof);
+    EXPECT_NEAR(map->report().chi2, exact->report().chi2, 1e-2 * (1.0 + exact->report().chi2));
+    ++solved;
+    from_start += incremental.last().from_start ? 1 : 0;
+    if (testing::Test::HasFailure()) break;
+  }
+  std::printf("seed %d: %d maps, %d of them from the start\n", static_cast<int>(seed), solved, from_start);
+  return from_start;
+}
+
+TYPED_TEST(IncrementalMaps, EqualTheExactOneAtEveryMoment) {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
+    auto fleet = test::street_fleet<TypeParam>(seed);
+    for (const std::uint32_t k : {1U, 3U, 5U})
+      for (const VehicleId v : {1U, 2U}) fleet.fix(key_of(v, k), 0.5);
+    EXPECT_LE(grow_and_compare<TypeParam>(fleet.facts, seed, 5), 3);
+  }
+}
+
+TYPED_TEST(IncrementalMaps, AndWithConstants) {
+  auto fleet = test::street_fleet<TypeParam>(4);
+  for (auto& fact : fleet.facts)
+    if (auto* prior = std::get_if<PriorFact<TypeParam>>(&fact)) {
+      prior->persistent.scale = 0.01;
+      prior->persistent.heading_rad_per_m = 1e-4;
+    }
+  EXPECT_LE(grow_and_compare<TypeParam>(fleet.facts, 4, 5), 3);
+}
+
+TYPED_TEST(IncrementalMaps, WhatIsWithdrawnIsGone) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(5);
+  FactStore<G> store = fleet.store();
+  const Selection<G> all = select(store, SelectionParams{});
+  IncrementalMap<G> incremental;
+  const auto whole = incremental.solve(build_problem<G>(store, all));
+  Exclusions withdrawn;
+  int gone = 0;
+  for (const Hypothesis<G>& h : all.hypotheses) {
+    if (h.state != HypothesisState::accepted) continue;
+    withdrawn.hypotheses.insert(h.id);  // one after the other: single ones are implied by the others
+    const Selection<G> without = select(store, SelectionParams{}, withdrawn);
+    const auto map = incremental.solve(build_problem<G>(store, without));
+    gone += incremental.last().gone_factors;
+    const auto exact = SparseMap<G>().solve(build_problem<G>(store, without));
+    EXPECT_LT(difference(*map, *exact).sigmas, 0.1);
+    const auto again = incremental.solve(build_problem<G>(store, all));
+    EXPECT_LT(difference(*again, *whole).sigmas, 0.1);
+  }
+  EXPECT_GT(gone, 50);
+}
+
+// A map goes on being asked while the next ones are made.
+TYPED_TEST(IncrementalMaps, AMapStaysWhatItIs) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(6);
+  const FactStore<G> store = fleet.store();
+  IncrementalMap<G> incremental;
+  incremental.solve(build_problem<G>(store, select(store, SelectionParams{})));
+  const auto map = incremental.solve(build_problem<G>(store, select(store, SelectionParams{})));
+  ASSERT_FALSE(incremental.last().from_start);
+  const auto& node = map->problem().nodes.back();
+  const auto before = map->pose(node.anchor.chain, node.slam);
+  Exclusions most;
+  for (const Hypothesis<G>& h : select(store, SelectionParams{}).hypotheses)
+    if (most.hypotheses.size() < 8) most.hypotheses.insert(h.id);
+  const auto next = incremental.solve(build_problem<G>(store, select(store, SelectionParams{}, most)));
+  EXPECT_NE(next->digest(), map->digest());
+  EXPECT_EQ(map->pose(node.anchor.chain, node.slam)->covariance, before->covariance);
+}
+
+// Of a long drive that nothing but its end is new of, next to nothing is factored.
+TEST(IncrementalMap, WorksInWhatIsNewAlone) {
+  test::SampleFleet fleet(7);
+  for (const VehicleId v : {1U, 2U}) {
+    fleet.start(v, SE2(50.0, 3.0 * v, M_PI / 2.0), v == 1 ? test::known_start : test::fair_start);
+    for (int k = 1; k <= 60; ++k) fleet.stop(v, SE2(50.0 * std::cos(0.1 * k), 50.0 * std::sin(0.1 * k) + 3.0 * v, 0.1 * k + M_PI / 2.0));
+  }
+  for (std::uint32_t k = 1; k < 60; ++k)
+    if (const auto pairs = fleet.common(key_of(1, k), key_of(2, k)); pairs.size() >= 5) fleet.associate(2, pairs);
+  auto facts = fleet.facts;
+  const auto last = std::find_if(facts.rbegin(), facts.rend(), [](const auto& f) { return std::holds_alternative<AssociationFact>(f); });
+  ASSERT_NE(last, facts.rend());
+  const test::FactOf<SE2> newest = *last;
+  facts.erase(std::next(last).base());
+  FactStore<SE2> store = test::SampleFleet::store_of(facts);
+  IncrementalMap<SE2> incremental;
+  for (int again = 0; again < 3; ++again) incremental.solve(build_problem<SE2>(store, select(store, SelectionParams{})));
+  EXPECT_EQ(incremental.last().fronts, 0);
+  EXPECT_EQ(incremental.last().new_factors, 0);
+  test::insert(store, newest);
+  const auto map = incremental.solve(build_problem<SE2>(store, select(store, SelectionParams{})));
+  EXPECT_GT(incremental.last().fronts, 0);
+  EXPECT_LT(incremental.last().new_factors, 30);
+  EXPECT_LE(incremental.last().iterations, 2);
+  EXPECT_LT(difference(*map, *SparseMap<SE2>().solve(build_problem<SE2>(store, select(store, SelectionParams{})))).sigmas, 0.1);
+}
+
+TYPED_TEST(IncrementalMaps, GoOnFromAnotherSolution) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(8);
+  const FactStore<G> store = fleet.store();
+  const auto problem = build_problem<G>(store, select(store, SelectionParams{}));
+  IncrementalMap<G> incremental;
+  incremental.solve(problem);
+  incremental.solve(problem);
+  const auto exact = SparseMap<G>().solve(problem);
+  incremental.restart(*exact);
+  const auto map = incremental.solve(problem);
+  EXPECT_FALSE(incremental.last().from_start);
+  EXPECT_EQ(incremental.last().relinearised, 0);  // it was there already
+  EXPECT_LT(difference(*map, *exact).sigmas, 0.1);
+}
+
+}  // namespace
+}  // namespace convoy
