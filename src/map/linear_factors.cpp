@@ -73,7 +73,7 @@ void LinearFactors<G>::add_landmarks() {
   for (auto first = by_node_.begin(); first != by_node_.end();) {
     const int node = (*first)->node;
     const auto last = std::find_if(first, by_node_.end(), [&](const auto* l) { return l->node != node; });
-    const auto shares = std::stable_partition(first, last, [](const auto* l) { return l->loading.isZero(0.0); });
+    const auto shares = std::stable_partition(first, last, [](const auto* l) { return l->loading < 0; });
     for (auto l = first; l != shares; ++l)
       add(Kind::landmarks, static_cast<std::size_t>(l - by_node_.begin()), {node, problem_.unknown_of_point((*l)->point)});
     if (shares != last) {
@@ -100,7 +100,8 @@ Eigen::MatrixXd LinearFactors<G>::information(int k) const {
   const auto n = static_cast<Eigen::Index>(landmarks_in(f));
   if (n == 1) return landmark(f, 0).covariance.inverse();
   Eigen::MatrixXd loading(G::Dim * n, G::Shared);
-  for (Eigen::Index i = 0; i < n; ++i) loading.template middleRows<G::Dim>(G::Dim * i) = landmark(f, at(static_cast<int>(i))).loading;
+  for (Eigen::Index i = 0; i < n; ++i) loading.template middleRows<G::Dim>(G::Dim * i) =
+        problem_.loadings[at(landmark(f, static_cast<std::size_t>(i)).loading)];
   Eigen::MatrixXd covariance = loading * loading.transpose();
   for (Eigen::Index i = 0; i < n; ++i)
     covariance.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * i) = landmark(f, at(static_cast<int>(i))).covariance;

@@ -56,23 +56,28 @@ class ProblemBuilder {
   }
 
   void add_nodes() {
-    std::map<ChainId, std::set<std::uint32_t>> wanted;
+    std::map<ChainId, std::vector<std::uint32_t>> wanted;
     for (const auto& [id, chain] : store_.chains())
-      if (!chain.anchors.empty() || !chain.priors.empty()) wanted[id].insert(0);
-    for (const auto& members : selection_.classes)
-      for (const Key& key : members) {
-        const LandmarkFact<G>& landmark = *store_.landmark(key);
-        wanted[key.chain].insert({0, landmark.anchor});
-      }
+      if (!chain.anchors.empty() || !chain.priors.empty()) wanted[id] = {0};
+    auto chain = wanted.begin();
+    const auto want = [&](const Key& anchor) {
+      if (chain == wanted.end() || chain->first != anchor.chain) chain = wanted.try_emplace(anchor.chain, std::vector{0U}).first;
+      chain->second.push_back(anchor.index);
+    };
+    for (const auto& members : selection_.landmarks)
+      for (const LandmarkFact<G>* landmark : members) want(landmark->anchor_key());
     WaypointsByAnchor waypoints;
     if (!plain_) waypoints = waypoints_of_selection();
-    for (const auto& [anchor, list] : waypoints) wanted[anchor.chain].insert({0, anchor.index});
-    for (const auto& [id, indices] : wanted) {
+    for (const auto& [anchor, list] : waypoints) want(anchor);
+    for (auto& [id, indices] : wanted) {
+      std::sort(indices.begin(), indices.end());
+      indices.erase(std::unique(indices.begin(), indices.end()), indices.end());
       ChainSpan span{id, static_cast<int>(problem_.nodes.size()), 0, false};
+      std::vector<std::pair<std::uint32_t, int>>& nodes = node_of_[id];
       for (const std::uint32_t index : indices) {
         const Key key{id, index};
         const AnchorFact<G>* anchor = store_.anchor(key);
-        node_of_[key] = static_cast<int>(problem_.nodes.size());
+        nodes.emplace_back(index, static_cast<int>(problem_.nodes.size()));
         problem_.nodes.push_back({key, anchor != nullptr ? anchor->state : ChainState<G>{}, G()});  // index 0: origin
         if (const auto found = waypoints.find(key); found != waypoints.end()) add_waypoint_nodes(found->second);
       }
@@ -482,19 +487,25 @@ class ProblemBuilder {
   }
 
   void add_landmarks() {
-    for (const auto& members : selection_.classes) {
+    const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
+    for (const auto& members : selection_.landmarks) {
       const int point = static_cast<int>(problem_.points.size());
       typename G::Point mean = G::Point::Zero();
-      for (const Key& key : members) {
-        const LandmarkFact<G>& landmark = *store_.landmark(key);
-        const int node = node_of_.at(landmark.anchor_key());
-        mean += problem_.nodes[static_cast<std::size_t>(node)].initial * landmark.position;
-        const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
-        problem_.landmarks.push_back(
-            {node, point, key, landmark.position, landmark.covariance + floor, landmark.loading});
+      for (const LandmarkFact<G>* landmark : members) {
+        const int node = node_of(landmark->anchor_key());
+        mean += initial(node) * landmark->position;
+        problem_.landmarks.push_back({node, point, landmark->key, landmark->position, landmark->covariance + floor});
+        if (landmark->loading.isZero(0.0)) continue;
+        problem_.landmarks.back().loading = static_cast<int>(problem_.loadings.size());
+        problem_.loadings.push_back(landmark->loading);
       }
       problem_.points.push_back(mean / static_cast<double>(members.size()));
     }
+  }
+
+  int node_of(const Key& anchor) const {
+    const auto& nodes = node_of_.at(anchor.chain);
+    return std::lower_bound(nodes.begin(), nodes.end(), std::pair(anchor.index, 0))->second;
   }
 
   const FactStore<G>& store_;
@@ -502,7 +513,7 @@ class ProblemBuilder {
   VehicleId reference_;
   bool enu_, plain_;
   Problem<G> problem_;
-  std::map<Key, int> node_of_;   // of anchors
+  std::map<ChainId, std::vector<std::pair<std::uint32_t, int>>> node_of_;  // of anchors, by their index
   std::map<std::pair<FactKind, Key>, int> waypoint_node_;  // of absolute fixes, encounters and waypoints
   std::map<ChainId, int> chain_of_;
   std::vector<int> parent_;

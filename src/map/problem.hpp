@@ -59,13 +59,14 @@ struct BoundedFactor {
 };
 
 /// F2: T_node^-1 m = l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
+/// `loading`: of Problem::loadings; -1: nothing is shared.
 template <class G>
 struct LandmarkFactor {
   int node, point;
   Key landmark;
   typename G::Point position;
   typename G::PointCovariance covariance;
-  typename G::Loading loading = G::Loading::Zero();
+  int loading = -1;
 };
 
 /// F3: D T_node q = z + N(0, S), the datum D = T_enu_common being a node, too, or the identity.
@@ -104,7 +105,8 @@ struct Problem {
   std::vector<typename G::Point> points;      ///< start values, one per class of the selection, same order
   std::vector<PriorFactor<G>> priors;
   std::vector<DriftFactor<G>> drifts;
-  std::vector<LandmarkFactor<G>> landmarks;
+  std::vector<LandmarkFactor<G>> landmarks;   ///< those of a point together
+  std::vector<typename G::Loading> loadings;  ///< of landmarks
   std::set<Hash> placed_by;  ///< hypotheses that the start values of chains come from
   std::vector<ConstantsFactor<G>> constants;
   std::vector<BoundedFactor> bounded;

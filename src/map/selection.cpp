@@ -14,6 +14,10 @@
 namespace convoy {
 namespace {
 
+bool is_left_out(const std::vector<bool>& left_out, int a, int b) {
+  return left_out[static_cast<std::size_t>(a)] || left_out[static_cast<std::size_t>(b)];
+}
+
 // Union-find over landmarks, by number, that refuses to put two landmarks of one batch into one class (DESIGN R4). The
 // members of a class are a ring: exchanging the successors of a member of each joins two rings, and parts them again.
 class Classes {
@@ -24,11 +28,11 @@ class Classes {
     std::iota(next_.begin(), next_.end(), 0);
   }
 
-  // Joins all pairings, or none of them.
-  bool join(const std::vector<std::pair<int, int>>& pairs) {
+  // Joins all pairings of landmarks that are not left out, or none of them.
+  bool join(const std::vector<std::pair<int, int>>& pairs, const std::vector<bool>& left_out) {
     merged_.clear();
     for (const auto& [a, b] : pairs)
-      if (!merge(root(a), root(b))) {
+      if (!is_left_out(left_out, a, b) && !merge(root(a), root(b))) {
         while (!merged_.empty()) undo();
         return false;
       }
@@ -36,18 +40,21 @@ class Classes {
   }
 
   // Those of two or more, sorted.
-  std::vector<std::vector<Key>> sorted(const std::vector<Key>& landmarks) const {
-    std::vector<std::vector<Key>> classes;
+  template <class Landmark>
+  std::vector<std::vector<Landmark>> sorted(const std::vector<Landmark>& landmarks) const {
+    const auto by_key = [](const Landmark& x, const Landmark& y) { return x->key < y->key; };
+    std::vector<std::vector<Landmark>> classes;
     for (int r = 0; r < static_cast<int>(parent_.size()); ++r) {
       if (at(parent_, r) != r || at(size_, r) < 2) continue;
-      std::vector<Key>& members = classes.emplace_back();
+      std::vector<Landmark>& members = classes.emplace_back();
+      members.reserve(static_cast<std::size_t>(at(size_, r)));
       each_member(r, [&](int l) {
         members.push_back(landmarks[static_cast<std::size_t>(l)]);
         return true;
       });
-      std::sort(members.begin(), members.end());
+      std::sort(members.begin(), members.end(), by_key);
     }
-    std::sort(classes.begin(), classes.end());
+    std::sort(classes.begin(), classes.end(), [&](const auto& x, const auto& y) { return by_key(x.front(), y.front()); });
     return classes;
   }
 
@@ -96,25 +103,6 @@ class Classes {
   std::vector<int> parent_, next_, size_;
   std::vector<std::pair<int, int>> merged_;  // (into, from), by the join() in progress
 };
-
-template <class G>
-std::vector<Hypothesis<G>> stated(const FactStore<G>& store) {
-  std::map<Hash, Hypothesis<G>> by_id;
-  for (const auto& [chain_id, chain] : store.chains())
-    for (const auto& [index, fact] : chain.associations) {
-      const Hash id = hypothesis_id(fact.pairings);
-      Hypothesis<G>& hypothesis = by_id[id];
-      if (!hypothesis.pairings.empty()) continue;
-      hypothesis.id = id;
-      hypothesis.pairings = fact.pairings;
-      hypothesis.author = chain_id;
-    }
-  std::vector<Hypothesis<G>> all;
-  for (auto& [id, hypothesis] : by_id) all.push_back(std::move(hypothesis));
-  std::stable_sort(all.begin(), all.end(),
-                   [](const auto& a, const auto& b) { return a.pairings.size() > b.pairings.size(); });
-  return all;
-}
 
 // True if no place elsewhere could pass for this one unnoticed: one that looks alike shows in the batches themselves if it
 // is nearer than half of what is paired, and the prior leaves no room for one farther away.
@@ -220,8 +208,8 @@ template <class G>
 int Selector<G>::number(const FactStore<G>& store, const Key& landmark) {
   const auto [it, fresh] = landmark_number_.try_emplace(landmark, static_cast<int>(landmarks_.size()));
   if (fresh) {
-    landmarks_.push_back(landmark);
-    const Key batch = store.landmark(landmark)->anchor_key();
+    landmarks_.push_back(store.landmark(landmark));
+    const Key batch = landmarks_.back()->anchor_key();
     batch_of_.push_back(batch_number_.try_emplace(batch, static_cast<int>(batch_number_.size())).first->second);
   }
   return it->second;
@@ -403,10 +391,36 @@ const typename Selector<G>::Examined& Selector<G>::examine(const FactStore<G>& s
   return known;
 }
 
+// What has been stated since the last look, sorted in: most pairings first, then by id.
+template <class G>
+void Selector<G>::read_associations(const FactStore<G>& store) {
+  std::vector<Hypothesis<G>> fresh;
+  for (const auto& [chain_id, chain] : store.chains()) {
+    std::set<std::uint32_t>& known = read_associations_[chain_id];
+    if (known.size() == chain.associations.size()) continue;
+    for (const auto& [index, fact] : chain.associations) {
+      if (!known.insert(index).second) continue;
+      const Hash id = hypothesis_id(fact.pairings);
+      const auto [author, first] = author_of_.try_emplace(id, chain_id);
+      author->second = std::min(author->second, chain_id);
+      if (first) fresh.push_back({id, fact.pairings, chain_id, HypothesisState::waiting, {}, {}, {}});
+    }
+  }
+  if (fresh.empty()) return;
+  const auto comes_before = [](const Hypothesis<G>& a, const Hypothesis<G>& b) {
+    return a.pairings.size() != b.pairings.size() ? a.pairings.size() > b.pairings.size() : a.id < b.id;
+  };
+  std::sort(fresh.begin(), fresh.end(), comes_before);
+  const auto old = static_cast<std::ptrdiff_t>(stated_.size());
+  stated_.insert(stated_.end(), std::make_move_iterator(fresh.begin()), std::make_move_iterator(fresh.end()));
+  std::inplace_merge(stated_.begin(), stated_.begin() + old, stated_.end(), comes_before);
+}
+
 template <class G>
 void Selector<G>::read(const FactStore<G>& store) {
   if (read_ && store.revision() == revision_) return;
-  stated_ = stated(store);
+  read_associations(store);
+  for (Hypothesis<G>& h : stated_) h.author = author_of_.at(h.id);
   vetoed_ = vetoed(store);
   revision_ = store.revision();
   read_ = true;
@@ -433,24 +447,28 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
   for (const Key& key : excluded.landmarks)
     if (const auto it = landmark_number_.find(key); it != landmark_number_.end())
       left_out[static_cast<std::size_t>(it->second)] = true;
-  std::unordered_map<Hash, std::vector<std::pair<int, int>>> fitting;
   for (Hypothesis<G>& h : selection.hypotheses) {
     if (h.state != HypothesisState::accepted) continue;
-    std::vector<std::pair<int, int>>& pairs = fitting[h.id];
-    for (const auto& [a, b] : examined_.at(h.id).pairs)
-      if (!left_out[static_cast<std::size_t>(a)] && !left_out[static_cast<std::size_t>(b)]) pairs.emplace_back(a, b);
+    const auto& pairs = examined_.at(h.id).pairs;
+    const auto fitting = std::count_if(pairs.begin(), pairs.end(), [&](const auto& p) { return !is_left_out(left_out, p.first, p.second); });
     if (excluded.hypotheses.count(h.id)) h.state = HypothesisState::map_residual;
-    else if (static_cast<int>(pairs.size()) < G::Dim) h.state = HypothesisState::doubtful;  // fixes no motion any more
+    else if (fitting < G::Dim) h.state = HypothesisState::doubtful;  // fixes no motion any more
   }
   demand_confirmation(selection.hypotheses);
   Classes classes(batch_of_);
   for (Hypothesis<G>& h : selection.hypotheses)
-    if (h.state == HypothesisState::accepted && !classes.join(fitting.at(h.id))) h.state = HypothesisState::class_conflict;
-  selection.classes = classes.sorted(landmarks_);
+    if (h.state == HypothesisState::accepted && !classes.join(examined_.at(h.id).pairs, left_out)) h.state = HypothesisState::class_conflict;
+  selection.landmarks = classes.sorted(landmarks_);
+  selection.classes.reserve(selection.landmarks.size());
   ContentHash hash;
-  for (const auto& members : selection.classes) {
+  for (const auto& members : selection.landmarks) {
     hash.add(static_cast<std::uint64_t>(members.size()), 4);
-    for (const Key& k : members) add_key(hash, k);
+    std::vector<Key>& keys = selection.classes.emplace_back();
+    keys.reserve(members.size());
+    for (const LandmarkFact<G>* l : members) {
+      keys.push_back(l->key);
+      add_key(hash, l->key);
+    }
   }
   selection.fixes = thinned_fixes(store, params_, excluded);
   for (const Key& key : selection.fixes) add_key(hash, key);

@@ -39,6 +39,8 @@ template <class G>
 struct Selection {
   std::vector<Hypothesis<G>> hypotheses;  ///< all stated ones: most pairings first, then by id
   std::vector<std::vector<Key>> classes;  ///< landmarks that are the same, two or more; sorted
+  /// The facts of `classes`, in the store that was selected from, while that lives.
+  std::vector<std::vector<const LandmarkFact<G>*>> landmarks;
   std::vector<Key> fixes;                 ///< absolute fixes that enter the map; sorted
   std::vector<SelectedEncounter> encounters;  ///< that enter the map; sorted
   Hash digest = 0;                        ///< of the classes, fixes and encounters
@@ -63,7 +65,7 @@ class Selector {
  public:
   explicit Selector(const SelectionParams& params) : params_(params) {}
 
-  /// `store`: the same in every call, or a replica of it.
+  /// `store`: the same in every call.
   Selection<G> select(const FactStore<G>& store, const Exclusions& excluded = {});
 
  private:
@@ -82,6 +84,7 @@ class Selector {
     std::vector<HypothesisState> state_of;      // ... what became of each of them
   };
   void read(const FactStore<G>& store);
+  void read_associations(const FactStore<G>& store);
   const Examined& examine(const FactStore<G>& store, const Hypothesis<G>& hypothesis);
   Examined examined(const FactStore<G>& store, const std::vector<Pairing>& pairings);
   std::size_t join_group(const FactStore<G>& store, Hash id, const Examined& examined);
@@ -98,11 +101,13 @@ class Selector {
   std::map<std::pair<ChainId, ChainId>, Group> groups_;
   // Landmarks and batches by number, in the order in which they were met: names only, no result depends on them.
   std::map<Key, int> landmark_number_, batch_number_;
-  std::vector<Key> landmarks_;
+  std::vector<const LandmarkFact<G>*> landmarks_;
   std::vector<int> batch_of_;  // of each landmark
   bool read_ = false;
   std::uint64_t revision_ = 0;
   std::vector<Hypothesis<G>> stated_;  // at that revision of the store
+  std::map<ChainId, std::set<std::uint32_t>> read_associations_;  // indices
+  std::unordered_map<Hash, ChainId> author_of_;
   std::set<Hash> vetoed_;
 };
 

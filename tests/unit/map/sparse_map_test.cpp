@@ -53,6 +53,9 @@ Eigen::VectorXd residuals(const Problem<G>& problem, const Estimates<G>& x) {
   const auto pose = [&](int n) { return x.poses[static_cast<std::size_t>(n)]; };
   for (const auto& f : problem.priors) add((f.mean.inverse() * pose(f.node)).Log(), f.covariance);
   for (const auto& f : problem.drifts) add((f.motion.inverse() * pose(f.a).inverse() * pose(f.b)).Log(), f.covariance);
+  const auto loading = [&](const LandmarkFactor<G>& f) -> typename G::Loading {
+    return f.loading < 0 ? G::Loading::Zero() : problem.loadings[static_cast<std::size_t>(f.loading)];
+  };
   for (int node = 0; node < static_cast<int>(problem.nodes.size()); ++node) {  // landmarks of a node share errors
     std::vector<LandmarkFactor<G>> batch;
     for (const auto& f : problem.landmarks)
@@ -65,7 +68,7 @@ Eigen::VectorXd residuals(const Problem<G>& problem, const Estimates<G>& x) {
       e.segment<G::Dim>(G::Dim * i) = pose(f.node).inverse() * x.points[static_cast<std::size_t>(f.point)] - f.position;
       for (Eigen::Index j = 0; j < n; ++j)
         P.block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j) =
-            i == j ? Eigen::MatrixXd(f.covariance) : Eigen::MatrixXd(f.loading * batch[static_cast<std::size_t>(j)].loading.transpose());
+            i == j ? Eigen::MatrixXd(f.covariance) : Eigen::MatrixXd(loading(f) * loading(batch[static_cast<std::size_t>(j)]).transpose());
     }
     add(e, P);
   }
@@ -75,7 +78,7 @@ Eigen::VectorXd residuals(const Problem<G>& problem, const Estimates<G>& x) {
 /// With landmarks that share nothing, as the filter of the paper takes them.
 template <class G>
 Problem<G> unshared(Problem<G> problem) {
-  for (auto& f : problem.landmarks) f.loading.setZero();
+  for (auto& f : problem.landmarks) f.loading = -1;
   return problem;
 }
 
