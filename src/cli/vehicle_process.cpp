@@ -37,7 +37,7 @@ class LogReplay {
   }
   bool exhausted() const { return next_ == events_.size(); }
 
-  void feed_until(double t_s, Vehicle<SE2>& vehicle, RangeBearingEkf& slam) {
+  void feed_until(double t_s, Vehicle<SE2>& vehicle, RangeBearingEkf<SE2>& slam) {
     for (; next_ < events_.size() && events_[next_].t_s <= t_s; ++next_) {
       const SensorEvent& e = events_[next_];
       if (e.kind == SensorEvent::Kind::encounter && !encounters_) continue;
@@ -104,7 +104,7 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
     throw ConfigError(config.file.string() + ": the sensor log ended before this start (start_unix_s lies in the past); " +
                       "give --now to drive it from its beginning, and --out FOLDER to keep what an earlier run left");
   VehicleOutput output(config.output_folder);
-  RangeBearingEkf slam(config.front_end);
+  RangeBearingEkf<SE2> slam(config.front_end);
   Vehicle<SE2> vehicle(config.vehicle, slam, [&] { return open_exchange(config); }, clock);
   Epoch epoch = 0;
   vehicle.on_export([&](std::uint32_t index, std::uint64_t track) { output.write_label(epoch, index, track); });
