@@ -27,8 +27,8 @@ RangeBearingEkfParams front_end_params(const EkfSlamParams& p) {
   f.sigma_heading_per_sqrt_rad = 0.0;
   f.sigma_range_m = p.noise * p.sigma_range_m;
   f.sigma_bearing_rad = f.sigma_elevation_rad = p.noise * p.sigma_bearing_rad;
-  // In space, tilt and height keep their defaults: no noise is drawn for them, the surface turns the vehicle. On the loop its pitch
-  // changes by 0.043 rad RMS over the 25 m of a segment, as much as a walk of 0.0085 rad/sqrt(m) would.
+  // In space, tilt and height keep their defaults: no noise is drawn for them, the surface turns the vehicle. On the
+  // loop its pitch changes by 0.043 rad RMS over the 25 m of a segment, as much as a walk of 0.0085 rad/sqrt(m) would.
   f.max_remembered = 0;      // the live pose is not judged here
   f.trail_spacing_m = 0.0;   // anchors are
   return f;
@@ -66,7 +66,8 @@ template <class G>
 class Driver {
  public:
   Driver(const EkfSlamParams& params, std::uint64_t seed, int run)
-      : p_(params), draw_(seed, static_cast<std::uint32_t>(run), 20),
+      : p_(params),
+        draw_(seed, static_cast<std::uint32_t>(run), 20),
         points_(points_along<G>(p_.path, p_.landmarks_per_metre, p_.landmark_spacing_m, draw_)) {
     if (p_.repeat_m > 0.0) repeat();
   }
@@ -97,7 +98,8 @@ class Driver {
   typename G::Tangent start_sigma(int v) const {
     typename G::Tangent sigma;
     sigma.template head<G::Dim>().setConstant(v == 0 ? 0.01 : p_.start_sigma_m);
-    sigma.template tail<G::Dof - G::Dim>().setConstant(v == 0 ? 0.001 : 0.01);  // in space, a vehicle knows where down is
+    // In space, a vehicle knows where down is.
+    sigma.template tail<G::Dof - G::Dim>().setConstant(v == 0 ? 0.001 : 0.01);
     if (v > 0) sigma[G::Dof - 1] = p_.start_sigma_rad;
     return sigma;
   }
@@ -287,11 +289,11 @@ RunSample judge_ekf_slam(const SlamRun<G>& run, const EkfSlamParams& params, con
   return sample;
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                    \
-  template SlamRun<G> drive_ekf_slam(const EkfSlamParams&, std::uint64_t, int);                                  \
-  template std::vector<TrueTrack<G>> raw_tracks(const SlamRun<G>&);                                              \
-  template RunSample judge_ekf_slam(const SlamRun<G>&, const EkfSlamParams&, const DriftParams<G>&,              \
-                                    const Backend<G>&, std::uint64_t, int);
+#define CONVOY_INSTANTIATE(G)                                                                                          \
+  template SlamRun<G> drive_ekf_slam(const EkfSlamParams&, std::uint64_t, int);                                        \
+  template std::vector<TrueTrack<G>> raw_tracks(const SlamRun<G>&);                                                    \
+  template RunSample judge_ekf_slam(const SlamRun<G>&, const EkfSlamParams&, const DriftParams<G>&, const Backend<G>&, \
+                                    std::uint64_t, int);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli::consistency

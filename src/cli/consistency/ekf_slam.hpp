@@ -1,5 +1,5 @@
-// Sensors simulated, everything behind them real: RangeBearingEkf, drift model, facts, associate(), global map. In the plane and
-// in space, where the vehicle stands on a surface that nothing measures: its odometer is that of the plane.
+// Sensors simulated, everything behind them real: RangeBearingEkf, drift model, facts, associate(), global map. In the
+// plane and in space, where the vehicle stands on a surface that nothing measures: its odometer is that of the plane.
 #pragma once
 
 #include <convoy/association/associate.hpp>
@@ -24,7 +24,7 @@ struct EkfSlamParams {
   double sigma_along_per_sqrt_m = 0.05;
   double sigma_heading_per_sqrt_m = 0.004;  ///< 0.23 deg over a metre
   double sigma_range_m = 0.3;
-  double sigma_bearing_rad = 0.0087;        ///< 0.5 deg; in space of the elevation, too
+  double sigma_bearing_rad = 0.0087;  ///< 0.5 deg; in space of the elevation, too
   // Violations: the front end is not told.
   double scale_error = 0.0;           ///< true distance per metre of odometry, minus 1
   double gyro_bias_rad_per_m = 0.0;
@@ -40,9 +40,9 @@ struct EkfSlamParams {
 template <class G>
 struct SlamRun {
   struct Vehicle {
-    std::vector<FrontEndState<G>> states;  ///< as the filter said them while driving
+    std::vector<FrontEndState<G>> states;                      ///< as the filter said them while driving
     std::vector<std::pair<std::size_t, Segment<G>>> segments;  ///< each closed before states[first]
-    std::vector<G> truth;                    ///< at the closing of each segment
+    std::vector<G> truth;                                      ///< at the closing of each segment
     G T_start;
     PriorFact<G> start;
   };

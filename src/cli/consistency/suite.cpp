@@ -257,10 +257,10 @@ class Suite {
   void ekf_slam_part() {
     for (const SlamScenario& scenario : G::Dim == 2 ? slam_scenarios() : slam_scenarios_in_space()) {
       const int count = std::min(runs(), scenario.max_runs);
-      const auto driven =
-          each_run(count, [&](int run) { return drive_ekf_slam<G>(scenario.params, seed(), run); });
+      const auto driven = each_run(count, [&](int run) { return drive_ekf_slam<G>(scenario.params, seed(), run); });
       const auto row = [&](const char* model, const std::vector<RunSample>& samples, bool ours, const char* remark) {
-        return add({model, G::Dim, "EKF-SLAM", scenario.name, summarise(samples, G::Dof, 1.0, seed()), ours, remark}).summary;
+        return add({model, G::Dim, "EKF-SLAM", scenario.name, summarise(samples, G::Dof, 1.0, seed()), ours, remark})
+            .summary;
       };
       const auto judged = [&](const DriftParams<G>& drift, const Backend<G>& backend) {
         return each_run(count, [&](int run) {
@@ -269,7 +269,8 @@ class Suite {
       };
       row("raw SLAM", each_run(count, [&](int run) { return judge_raw(raw_tracks(driven[static_cast<std::size_t>(run)])); }),
           false, "Each vehicle's filter in its own start frame, behind its static bias.");
-      demand_ekf_slam(G::Dim, scenario, row("local, sparse map", judged({}, SparseMap<G>()), true, "What ships, with its defaults."));
+      demand_ekf_slam(G::Dim, scenario,
+                      row("local, sparse map", judged({}, SparseMap<G>()), true, "What ships, with its defaults."));
       if (!scenario.all_models) continue;
       DriftParams<G> literal;
       literal.model = DriftModel::literal;
@@ -283,8 +284,9 @@ class Suite {
 
   template <class G>
   DriftParams<G> fitted(const EkfSlamParams& params) {
-    const auto calibration = each_run(
-        calibration_runs, [&](int run) { return raw_tracks(drive_ekf_slam<G>(params, result_.calibration_seed, run)); });
+    const auto calibration = each_run(calibration_runs, [&](int run) {
+      return raw_tracks(drive_ekf_slam<G>(params, result_.calibration_seed, run));
+    });
     std::vector<TrueTrack<G>> tracks;
     for (const auto& run : calibration) tracks.insert(tracks.end(), run.begin(), run.end());
     return fit_literal(tracks);

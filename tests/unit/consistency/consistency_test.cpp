@@ -104,7 +104,8 @@ Simulated simulate(const EkfSlamParams& params, const char* what) {
   Simulated s;
   s.raw = summarise(each_run(slam_runs, [&](int run) { return judge_raw(raw_tracks(at(run))); }), G::Dof);
   s.local = summarise(
-      each_run(slam_runs, [&](int run) { return judge_ekf_slam(at(run), params, {}, SparseMap<G>(), seed, run); }), G::Dof);
+      each_run(slam_runs, [&](int run) { return judge_ekf_slam(at(run), params, {}, SparseMap<G>(), seed, run); }),
+      G::Dof);
   print(what, s.local);
   return s;
 }
@@ -186,15 +187,17 @@ TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
     params.path = Path::straight;
     params.repeat_m = repeat_m;
     for (const std::size_t batches : {1U, 2U, 4U, 100U}) {
-      const Summary s = summarise(each_run(slam_runs / 2, [&](int run) {
-                                    SlamRun<SE2> driven = drive_ekf_slam<SE2>(params, seed, run);
-                                    for (SlamRun<SE2>::Vehicle& v : driven.vehicles) {
-                                      const std::size_t count = std::min(batches, v.segments.size());
-                                      v.segments.resize(count);
-                                      v.truth.resize(count);
-                                    }
-                                    return judge_ekf_slam(driven, params, {}, SparseMap<SE2>(), seed, run);
-                                  }), 3);
+      const Summary s = summarise(each_run(slam_runs / 2,
+                                           [&](int run) {
+                                             SlamRun<SE2> driven = drive_ekf_slam<SE2>(params, seed, run);
+                                             for (SlamRun<SE2>::Vehicle& v : driven.vehicles) {
+                                               const std::size_t count = std::min(batches, v.segments.size());
+                                               v.segments.resize(count);
+                                               v.truth.resize(count);
+                                             }
+                                             return judge_ekf_slam(driven, params, {}, SparseMap<SE2>(), seed, run);
+                                           }),
+                                  3);
       print(("a street that repeats itself, batches: " + std::to_string(batches)).c_str(), s);
       EXPECT_GT(s.false_stated, slam_runs / 4) << "no double was ever seen";
       EXPECT_EQ(s.false_fusions, 0);
