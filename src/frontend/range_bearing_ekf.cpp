@@ -75,10 +75,10 @@ bool RangeBearingEkf<G>::on_sighting(double stamp_s, std::uint64_t track, const 
   }
   bool used = true;
   if (!known) {
-    filter_.add(stamp_s, track, polar, sighting_noise(polar[0]));
+    filter_.add(stamp_s, track, polar, params_.sighting_noise<G>(polar[0]));
   } else {
-    used = filter_.update(*known, stamp_s, polar, sighting_noise(filter_.predicted_range(*known)), gate_chi2_,
-                          params_.nis_window) < gate_chi2_;
+    used = filter_.update(*known, stamp_s, polar, params_.sighting_noise<G>(filter_.predicted_range(*known)),
+                          gate_chi2_, params_.nis_window) < gate_chi2_;
     if (filter_.tracks()[*known].rejections >= params_.max_rejections) {
       filter_.drop({*known});
       ++counters_.tracks_dropped;
@@ -100,14 +100,14 @@ void RangeBearingEkf<G>::remember(std::uint64_t id, const typename G::Point& pol
   const auto known = memory_.find(id);
   if (known && *stamp_s_ < memory_.tracks()[*known].last_s + params_.min_sighting_interval_s) return;
   if (!known) {
-    memory_.add(*stamp_s_, id, polar, sighting_noise(polar[0]));
+    memory_.add(*stamp_s_, id, polar, params_.sighting_noise<G>(polar[0]));
     if (static_cast<int>(memory_.tracks().size()) <= params_.max_remembered) return;
     const auto& tracks = memory_.tracks();
     const auto oldest = std::min_element(tracks.begin(), tracks.end(), [](const auto& a, const auto& b) { return a.last_s < b.last_s; });
     memory_.drop({static_cast<std::size_t>(oldest - tracks.begin())});
     return;
   }
-  memory_.update(*known, *stamp_s_, polar, sighting_noise(memory_.predicted_range(*known)), gate_chi2_,
+  memory_.update(*known, *stamp_s_, polar, params_.sighting_noise<G>(memory_.predicted_range(*known)), gate_chi2_,
                  params_.nis_window);
   if (memory_.tracks()[*known].rejections >= params_.max_rejections) memory_.drop({*known});
 }
@@ -147,15 +147,6 @@ void RangeBearingEkf<G>::move(double distance_m, double angle_rad, double dt_s) 
   const G step = G::Exp(motion);
   filter_.move(step, variance);
   if (params_.max_remembered > 0) memory_.move(step, variance);
-}
-
-template <class G>
-typename G::PointCovariance RangeBearingEkf<G>::sighting_noise(double range_m) const {
-  typename G::Point sigma;
-  sigma[G::Dim - 1] = params_.sigma_elevation_rad;  // in the plane, the bearing takes its place
-  sigma[0] = params_.sigma_range_m + params_.sigma_range_share * range_m;
-  sigma[1] = params_.sigma_bearing_rad;
-  return sigma.cwiseAbs2().asDiagonal();
 }
 
 template <class G>

@@ -53,6 +53,16 @@ struct RangeBearingEkfParams {
   int min_batch = 6;                        ///< ... at least so many landmarks that may leave,
   double max_segment_length_m = 60.0;       ///< or after this length with whatever there is
   double trail_spacing_m = 1.0;             ///< path between two states of Segment::trail; 0: no trail
+
+  /// Covariance of the polar coordinates of a sighting at this range, see polar.hpp.
+  template <class G>
+  typename G::PointCovariance sighting_noise(double range_m) const {
+    typename G::Point sigma;
+    sigma[G::Dim - 1] = sigma_elevation_rad;  // in the plane, the bearing takes its place
+    sigma[0] = sigma_range_m + sigma_range_share * range_m;
+    sigma[1] = sigma_bearing_rad;
+    return sigma.cwiseAbs2().asDiagonal();
+  }
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -109,7 +119,6 @@ class RangeBearingEkf final : public FrontEnd<G> {
   void remember(std::uint64_t id, const typename G::Point& polar);
   void clone_if_due();
   FrontEndState<G> state_of(double stamp_s, double abscissa_m, const G& pose, const typename G::Covariance& P) const;
-  typename G::PointCovariance sighting_noise(double range_m) const;
   bool may_freeze(std::size_t track) const;
   std::vector<std::size_t> freezable() const;
   void close_segment_if_due();
