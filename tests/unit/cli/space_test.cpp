@@ -5,6 +5,7 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/polar.hpp>
 
+#include "calibrate.hpp"
 #include "evaluate/evaluate.hpp"
 #include "fake_run.hpp"
 #include "report/report.hpp"
@@ -239,6 +240,14 @@ TEST_F(RunFolderInSpace, IsRefusedWhereItIsOfAnotherDimensionOrDamaged) {
   test::write(folder_ / "vehicle_1/map.json", map.dump());
   EXPECT_THAT(config_error_of([&] { read_run<SE3>(folder_.path()); }),
               HasSubstr("map.json: not what it should be: it holds a pose whose quaternion is not of length 1"));
+}
+
+TEST_F(RunFolderInSpace, IsNoneToCalibrateBy) {
+  CalibrateOptions options;
+  options.runs = {folder_.path()};
+  options.drift_of_config = [](const auto&) { return DriftParams<SE2>{}; };
+  EXPECT_THAT(config_error_of([&] { calibrate(options); }),
+              HasSubstr("a run in space; calibrate learns from planar runs only"));
 }
 
 // ---- the report ----
