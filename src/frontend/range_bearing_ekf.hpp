@@ -26,8 +26,7 @@ struct RangeBearingEkfParams {
   double sigma_heading_per_sqrt_rad = 0.05; ///< [rad/sqrt(rad)] of the angle turned
   double sigma_heading_per_sqrt_s = 0.0;    ///< [rad/sqrt(s)] while moving
   double sigma_vertical_per_sqrt_m = 0.01;  ///< [m/sqrt(m)] upwards; in space only
-  double sigma_tilt_per_sqrt_m =
-      0.01;  ///< [rad/sqrt(m)] of roll and pitch each, by the road and the load; in space only
+  double sigma_tilt_per_sqrt_m = 0.01;      ///< [rad/sqrt(m)] roll and pitch each, by the road; in space only
   double distance_scale = 1.0;              ///< calibration: true distance per metre of odometry, > 0
   double angle_scale = 1.0;                 ///< calibration: true angle per radian of odometry, > 0
   // Sighting noise, one standard deviation.
