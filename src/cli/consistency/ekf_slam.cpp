@@ -84,7 +84,8 @@ class Driver {
     for (int k = 0; k <= steps; ++k) {
       const double t = k * step_m / speed_mps;
       const Eigen::Vector2d moved = true_motion<G>(p_.path, start_m + k * step_m);
-      slam.on_odometry(t, odometry_speed(moved[0]), odometry_rate(moved[1]));
+      const double rate = odometry_rate(moved[1]);  // drawn first: the order of arguments is the compiler's
+      slam.on_odometry(t, odometry_speed(moved[0]), rate);
       collect(slam, vehicle, start_m);
       if (k % steps_per_sighting == 0) look(slam, t, standing_on<G>(p_.path, start_m + k * step_m));
       vehicle.states.push_back(slam.state());
