@@ -1,6 +1,7 @@
-// Vehicle: all components of one vehicle behind one door, with the thread that drives them and the one that builds maps.
+// Vehicle: all components of one vehicle behind one door, with the thread that drives them and the one that builds
+// maps.
 //
-//   convoy::RangeBearingEkf slam(ekf_params);                   // or any other FrontEnd
+//   convoy::RangeBearingEkf<convoy::SE2> slam(ekf_params);      // or any other FrontEnd
 //   convoy::Vehicle<convoy::SE2> vehicle(params, slam,          // see VehicleParams
 //                                        [&] { return std::make_unique<convoy::dds::DdsExchange<convoy::SE2>>(dds); },
 //                                        now_s);                // seconds on the time base of the sensor stamps

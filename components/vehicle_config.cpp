@@ -4,6 +4,7 @@
 #include <tinyxml2.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -16,9 +17,10 @@ namespace convoy {
 namespace {
 
 // One description of every entry serves reading and writing: visit(element, attribute, value).
-template <class Visitor>
-void describe(VehicleConfig& c, Visitor&& visit) {
-  VehicleParams<SE2>& v = c.vehicle;
+template <class G, class Visitor>
+void describe(VehicleConfig<G>& c, Visitor&& visit) {
+  constexpr bool in_space = G::Dim == 3;
+  VehicleParams<G>& v = c.vehicle;
   visit("vehicle", "id", v.id);
   visit("vehicle", "state_folder", v.state_folder);
   visit("vehicle", "first_epoch", c.first_epoch);
@@ -47,6 +49,11 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("front_end", "sigma_heading_per_sqrt_m", f.sigma_heading_per_sqrt_m);
   visit("front_end", "sigma_heading_per_sqrt_rad", f.sigma_heading_per_sqrt_rad);
   visit("front_end", "sigma_heading_per_sqrt_s", f.sigma_heading_per_sqrt_s);
+  if constexpr (in_space) {
+    visit("front_end", "sigma_vertical_per_sqrt_m", f.sigma_vertical_per_sqrt_m);
+    visit("front_end", "sigma_tilt_per_sqrt_m", f.sigma_tilt_per_sqrt_m);
+    visit("front_end", "sigma_elevation_rad", f.sigma_elevation_rad);
+  }
   visit("front_end", "distance_scale", f.distance_scale);
   visit("front_end", "angle_scale", f.angle_scale);
   visit("front_end", "sigma_range_m", f.sigma_range_m);
@@ -69,12 +76,20 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("front_end", "max_segment_length_m", f.max_segment_length_m);
   visit("front_end", "trail_spacing_m", f.trail_spacing_m);
 
-  DriftParams<SE2>& d = v.drift;
+  DriftParams<G>& d = v.drift;
   visit("drift", "model", d.model);
   visit("drift", "gamma", d.gamma);
   visit("drift", "rate_x_m2_per_m", d.rate[0]);
   visit("drift", "rate_y_m2_per_m", d.rate[1]);
-  visit("drift", "rate_theta_rad2_per_m", d.rate[2]);
+  if constexpr (in_space) {
+    visit("drift", "rate_z_m2_per_m", d.rate[2]);
+    visit("drift", "rate_roll_rad2_per_m", d.rate[3]);
+    visit("drift", "rate_pitch_rad2_per_m", d.rate[4]);
+    visit("drift", "tilt_sigma_rad", d.persistent.tilt_rad);
+    visit("drift", "height_sigma_m", d.persistent.height_m);
+    visit("drift", "correlation_m", d.persistent.correlation_m);
+  }
+  visit("drift", "rate_theta_rad2_per_m", d.rate[G::Dof - 1]);
   visit("drift", "landmark_inflation", d.landmark_inflation);
   visit("drift", "scale_sigma", d.persistent.scale);
   visit("drift", "heading_sigma_rad_per_m", d.persistent.heading_rad_per_m);
@@ -127,22 +142,60 @@ void describe(VehicleConfig& c, Visitor&& visit) {
   visit("vehicle", "mark_x_m", v.mark[0]);
   visit("vehicle", "mark_y_m", v.mark[1]);
   visit("sensors", "encounters", c.sensors.encounters);
-  visit("sensors", "fix_lever_x_m", c.sensors.fix_lever_x_m);
-  visit("sensors", "fix_lever_y_m", c.sensors.fix_lever_y_m);
+  visit("sensors", "fix_lever_x_m", c.sensors.fix_lever[0]);
+  visit("sensors", "fix_lever_y_m", c.sensors.fix_lever[1]);
+  if constexpr (in_space) {
+    visit("vehicle", "mark_z_m", v.mark[2]);
+    visit("sensors", "fix_lever_z_m", c.sensors.fix_lever[2]);
+  }
 }
 
-struct StaticBias {
-  double x_m = 0, y_m = 0, theta_rad = 0, sigma_x_m = 0, sigma_y_m = 0, sigma_theta_rad = 0;
+struct Fleet {
+  int dimension = 2;
 };
 
 template <class Visitor>
-void describe(StaticBias& b, Visitor&& visit) {
-  visit("static_bias", "x_m", b.x_m);
-  visit("static_bias", "y_m", b.y_m);
-  visit("static_bias", "theta_rad", b.theta_rad);
-  visit("static_bias", "sigma_x_m", b.sigma_x_m);
-  visit("static_bias", "sigma_y_m", b.sigma_y_m);
-  visit("static_bias", "sigma_theta_rad", b.sigma_theta_rad);
+void describe(Fleet& f, Visitor&& visit) {
+  visit("fleet", "dimension", f.dimension);
+}
+
+// Position, then the angles about x and y (in space) and z: in the order of a tangent vector, but not one.
+template <class G>
+struct StaticBias {
+  typename G::Tangent mean = G::Tangent::Zero(), sigma = G::Tangent::Zero();
+};
+
+template <class G, class Visitor>
+void describe(StaticBias<G>& b, Visitor&& visit) {
+  visit("static_bias", "x_m", b.mean[0]);
+  visit("static_bias", "y_m", b.mean[1]);
+  visit("static_bias", "theta_rad", b.mean[G::Dof - 1]);
+  visit("static_bias", "sigma_x_m", b.sigma[0]);
+  visit("static_bias", "sigma_y_m", b.sigma[1]);
+  visit("static_bias", "sigma_theta_rad", b.sigma[G::Dof - 1]);
+  if constexpr (G::Dim == 3) {
+    visit("static_bias", "z_m", b.mean[2]);
+    visit("static_bias", "roll_rad", b.mean[3]);
+    visit("static_bias", "pitch_rad", b.mean[4]);
+    visit("static_bias", "sigma_z_m", b.sigma[2]);
+    visit("static_bias", "sigma_roll_rad", b.sigma[3]);
+    visit("static_bias", "sigma_pitch_rad", b.sigma[4]);
+  }
+}
+
+SE2 pose_of(const StaticBias<SE2>& b) { return {b.mean[0], b.mean[1], b.mean[2]}; }
+SE3 pose_of(const StaticBias<SE3>& b) {
+  const auto turn = [&](int axis) { return SE3::Exp(b.mean[axis] * SE3::Tangent::Unit(axis)); };
+  return SE3::from_rotation(Eigen::Matrix3d::Identity(), b.mean.head<3>()) * turn(5) * turn(4) * turn(3);
+}
+
+SE2::Tangent entries_of(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
+SE3::Tangent entries_of(const SE3& T) {
+  const Eigen::Matrix3d R = T.rotation();
+  SE3::Tangent entries;
+  entries << T.translation(), std::atan2(R(2, 1), R(2, 2)), std::atan2(0.0 - R(2, 0), std::hypot(R(0, 0), R(1, 0))),
+      std::atan2(R(1, 0), R(0, 0));
+  return entries;
 }
 
 // ---- values as text --------------------------------------------------------------------------------------------
@@ -312,7 +365,8 @@ const tinyxml2::XMLElement& only_root(const std::filesystem::path& file, const t
 }
 
 // Ranges that no stage checks by itself.
-void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, const Lines& lines) {
+template <class G>
+void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, const Lines& lines) {
   const auto demand = [&](bool holds, const char* element, const char* name, const std::string& range) {
     if (!holds) refuse(at(file, lines.of(element, name)), std::string("<") + element + " " + name + "> must " + range);
   };
@@ -322,7 +376,7 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   const auto confidence = [&](double value, const char* element, const char* name) {
     demand(value > 0.0 && value < 1.0, element, name, "lie in (0, 1)");
   };
-  const VehicleParams<SE2>& v = c.vehicle;
+  const VehicleParams<G>& v = c.vehicle;
   if (v.id == 0) refuse(at(file, lines.of("vehicle", "id")), "<vehicle id=\"N\"/> with N >= 1 is needed");
   above_zero(v.live_period_s, "vehicle", "live_period_s");
   demand(v.step_period_s > 0.0 && v.step_period_s <= 60.0, "vehicle", "step_period_s", "lie in (0, 60] s");
@@ -340,10 +394,10 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   above_zero(c.sensors.rate, "sensors", "rate");
   demand(v.mark.cwiseAbs().maxCoeff() <= 100.0, "vehicle", "mark_x_m", "lie in -100..100 m, as mark_y_m: it is on the vehicle");
   demand(v.submaps.encounter_period_s >= 0.0, "map", "encounter_period_s", "be >= 0");
-  demand(std::abs(c.sensors.fix_lever_x_m) <= 100.0, "sensors", "fix_lever_x_m",
-         "lie in -100..100 m: the antenna is on the vehicle");
-  demand(std::abs(c.sensors.fix_lever_y_m) <= 100.0, "sensors", "fix_lever_y_m",
-         "lie in -100..100 m: the antenna is on the vehicle");
+  for (int axis = 0; axis < G::Dim; ++axis)
+    demand(std::abs(c.sensors.fix_lever[axis]) <= 100.0, "sensors",
+           std::array{"fix_lever_x_m", "fix_lever_y_m", "fix_lever_z_m"}[static_cast<std::size_t>(axis)],
+           "lie in -100..100 m: the antenna is on the vehicle");
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
 
   above_zero(v.submaps.map_period_s, "map", "period_s");
@@ -374,23 +428,25 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig& c, con
   demand(r.batch_limit >= 1 && r.batch_limit <= 64, "repair", "batch_limit", "lie in 1..64");
 }
 
-Estimate<SE2> estimate_of(const std::filesystem::path& file, const StaticBias& b, const Lines& lines) {
-  for (const auto& [name, value] : {std::pair("sigma_x_m", b.sigma_x_m), std::pair("sigma_y_m", b.sigma_y_m),
-                                    std::pair("sigma_theta_rad", b.sigma_theta_rad)})
-    if (!(value >= 0.0)) refuse(at(file, lines.of("static_bias", name)), std::string("<static_bias ") + name + "> must be >= 0");
-  const SE2::Tangent sigma(b.sigma_x_m, b.sigma_y_m, b.sigma_theta_rad);
-  return {SE2(b.x_m, b.y_m, b.theta_rad), sigma.cwiseAbs2().asDiagonal()};
+template <class G>
+Estimate<G> estimate_of(const std::filesystem::path& file, StaticBias<G>& b, const Lines& lines) {
+  describe(b, [&](const char* element, const char* name, double value) {
+    if (std::strncmp(name, "sigma_", 6) == 0 && !(value >= 0.0))
+      refuse(at(file, lines.of(element, name)), std::string("<static_bias ") + name + "> must be >= 0");
+  });
+  return {pose_of(b), b.sigma.cwiseAbs2().asDiagonal()};
 }
 
 // The vehicle would tell everybody of it as a fact; what no fact may hold is an error here, where it is written.
-void check_static_bias(const std::filesystem::path& file, const VehicleConfig& c, const Lines& lines) {
+template <class G>
+void check_static_bias(const std::filesystem::path& file, const VehicleConfig<G>& c, const Lines& lines) {
   if (!c.vehicle.static_bias) return;
-  PriorFact<SE2> prior;
+  PriorFact<G> prior;
   prior.key.chain = {c.vehicle.id, 1};
   prior.known = true;
   prior.mean = c.vehicle.static_bias->mean;
   prior.covariance = c.vehicle.static_bias->covariance;
-  if (const Insertion fit = FactStore<SE2>(c.vehicle.submaps.limits).check(prior); fit != Insertion::inserted)
+  if (const Insertion fit = FactStore<G>(c.vehicle.submaps.limits).check(prior); fit != Insertion::inserted)
     refuse(at(file, lines.of("static_bias")), std::string("<static_bias> cannot be told to the other vehicles (") +
                                                   to_string(fit) + "); give a pose and standard deviations of a usual size");
 }
@@ -409,14 +465,34 @@ void load_document(const std::filesystem::path& file, tinyxml2::XMLDocument& doc
 
 }  // namespace
 
-VehicleConfig load_vehicle_config(const std::filesystem::path& file) {
+int fleet_dimension(const std::filesystem::path& file) {
+  tinyxml2::XMLDocument document;
+  load_document(file, document);
+  Lines lines;
+  Fleet fleet;
+  if (const auto* element = only_root(file, document).FirstChildElement("fleet"))
+    read_element(file, *element, fleet, lines);
+  if (fleet.dimension != 2 && fleet.dimension != 3)
+    refuse(at(file, lines.of("fleet", "dimension")), "<fleet dimension> must be 2 (planar) or 3 (in space)");
+  return fleet.dimension;
+}
+
+template <class G>
+VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
+  const int dimension = fleet_dimension(file);
   tinyxml2::XMLDocument document;
   load_document(file, document);
   const tinyxml2::XMLElement& root = only_root(file, document);
+  if (dimension != G::Dim) {
+    const auto* fleet = root.FirstChildElement("fleet");
+    refuse(at(file, (fleet ? fleet : &root)->GetLineNum()), "<fleet dimension> is " + std::to_string(dimension) +
+                                                                ", and a fleet of dimension " + std::to_string(G::Dim) +
+                                                                " is driven here");
+  }
 
-  VehicleConfig config;
+  VehicleConfig<G> config;
   config.file = file;
-  std::set<std::string> elements{"static_bias"}, seen;
+  std::set<std::string> elements{"fleet", "static_bias"}, seen;
   describe(config, [&](const char* element, const char*, auto&) { elements.insert(element); });
   Lines lines;
   lines.put("vehicle", root.GetLineNum());
@@ -432,8 +508,9 @@ VehicleConfig load_vehicle_config(const std::filesystem::path& file) {
       refuse(at(file, line), "no such element <" + name + ">; there are: " + allowed);
     }
     if (!seen.insert(name).second) refuse(at(file, line), "<" + name + "> stands here for the second time; put both into one");
+    if (name == "fleet") continue;  // read above
     if (name == "static_bias") {
-      StaticBias bias;
+      StaticBias<G> bias;
       read_element(file, *element, bias, lines);
       config.vehicle.static_bias = estimate_of(file, bias, lines);
     } else {
@@ -457,12 +534,13 @@ VehicleConfig load_vehicle_config(const std::filesystem::path& file) {
   return config;
 }
 
-void save_vehicle_config(const VehicleConfig& config, const std::filesystem::path& file) {
+template <class G>
+void save_vehicle_config(const VehicleConfig<G>& config, const std::filesystem::path& file) {
   tinyxml2::XMLDocument document;
   tinyxml2::XMLElement* root = document.NewElement("convoy");
   root->SetAttribute("version", 1);
   document.InsertEndChild(root);
-  VehicleConfig copy = config, defaults;
+  VehicleConfig<G> copy = config, defaults;
   std::vector<std::string> default_text;
   describe(defaults, [&](const char*, const char*, auto& value) { default_text.push_back(text_of(value)); });
   std::size_t entry = 0;
@@ -471,24 +549,31 @@ void save_vehicle_config(const VehicleConfig& config, const std::filesystem::pat
     if (element == nullptr) element = root->InsertNewChildElement(element_name);
     element->SetAttribute(name, text.c_str());
   };
+  if (G::Dim != Fleet().dimension) write("fleet", "dimension", text_of(G::Dim));
   describe(copy, [&](const char* element, const char* name, auto& value) {
     const std::string text = text_of(value);
     if (text != default_text[entry++]) write(element, name, text);
   });
   if (config.vehicle.static_bias) {
-    const Estimate<SE2>& bias = *config.vehicle.static_bias;
-    const Eigen::Vector3d sigma = bias.covariance.diagonal().cwiseSqrt();
-    StaticBias b{bias.mean.translation().x(), bias.mean.translation().y(), bias.mean.theta(), sigma[0], sigma[1], sigma[2]};
+    const Estimate<G>& bias = *config.vehicle.static_bias;
+    StaticBias<G> b{entries_of(bias.mean), bias.covariance.diagonal().cwiseSqrt()};
     describe(b, [&](const char* element, const char* name, double value) { write(element, name, text_of(value)); });
   }
   if (document.SaveFile(file.string().c_str()) != tinyxml2::XML_SUCCESS)
     refuse(file.string(), "cannot write; is the folder there and writable?");
 }
 
-std::unique_ptr<SubmapExchange<SE2>> open_exchange(const VehicleConfig& config) {
-  std::unique_ptr<SubmapExchange<SE2>> exchange = std::make_unique<dds::DdsExchange<SE2>>(config.dds);
+template <class G>
+std::unique_ptr<SubmapExchange<G>> open_exchange(const VehicleConfig<G>& config) {
+  std::unique_ptr<SubmapExchange<G>> exchange = std::make_unique<dds::DdsExchange<G>>(config.dds);
   if (!config.impairment.any()) return exchange;
-  return std::make_unique<ImpairedExchange<SE2>>(std::move(exchange), config.impairment);
+  return std::make_unique<ImpairedExchange<G>>(std::move(exchange), config.impairment);
 }
+
+#define CONVOY_INSTANTIATE(G)                                                               \
+  template VehicleConfig<G> load_vehicle_config(const std::filesystem::path&);              \
+  template void save_vehicle_config(const VehicleConfig<G>&, const std::filesystem::path&); \
+  template std::unique_ptr<SubmapExchange<G>> open_exchange(const VehicleConfig<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -2,6 +2,7 @@
 // errors with file and line; what is left out keeps its default. `convoy vehicle` runs exactly this.
 //
 //   <convoy version="1">
+//     <fleet dimension="2"/>                                  <!-- 2 (the default): planar; 3: in space, see below -->
 //     <vehicle id="2" state_folder="state" roster="1 2 3"/>  <!-- first_epoch="1": repeatable, see below -->
 //     <static_bias x_m="0" y_m="0" theta_rad="0" sigma_x_m="9" sigma_y_m="9" sigma_theta_rad="0.3"/>
 //     <dds domain="7" profile="loopback.xml" interfaces="127.0.0.1" max_queued_messages="65536"/>
@@ -9,50 +10,65 @@
 //     <sensors file="sensors.csv" rate="1"/>
 //   </convoy>
 //
-// Paths are relative to the folder of the file. `first_epoch` replaces the clock as the source of epochs: a run can then be
-// repeated to the bit, and must be alone on its domain.
+// Paths are relative to the folder of the file. `first_epoch` replaces the clock as the source of epochs: a run can
+// then be repeated to the bit, and must be alone on its domain.
+//
+// In space there are further entries, which a planar file must not have: <front_end sigma_elevation_rad
+// sigma_vertical_per_sqrt_m sigma_tilt_per_sqrt_m>; <drift rate_z_m2_per_m rate_roll_rad2_per_m rate_pitch_rad2_per_m
+// tilt_sigma_rad height_sigma_m correlation_m>; <vehicle mark_z_m>; <sensors fix_lever_z_m>; <static_bias z_m roll_rad
+// pitch_rad sigma_z_m sigma_roll_rad sigma_pitch_rad>. x is ahead, y to the left, z up; the vehicle is turned by theta
+// about z, then by pitch about y (nose down is positive), then by roll about x.
 #pragma once
 
 #include <convoy/components/vehicle.hpp>
 #include <convoy/dds/dds_exchange.hpp>
 #include <convoy/frontend/range_bearing_ekf.hpp>
-#include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/groups.hpp>
 
 #include <filesystem>
 
 namespace convoy {
 
 /// Where the sensor readings of a vehicle come from: a log, replayed on the clock.
+template <class G>
 struct SensorLogConfig {
   /// t_s,kind,a,b,c by time, kind: odometry (v_m_s, omega_rad_s, empty), sighting (track, range_m, bearing_rad), fix
-  /// (east_m, north_m, sigma_m: of an antenna, by GPS or the like) or encounter (vehicle, range_m, bearing_rad: of another
-  /// vehicle's mark, as exact as a sighting)
+  /// (east_m, north_m, sigma_m: of an antenna, by GPS or the like) or encounter (vehicle, range_m, bearing_rad: of
+  /// another vehicle's mark, as exact as a sighting). In space t_s,kind,a,b,c,d: (v_m_s, omega_rad_s, empty, empty),
+  /// (track, range_m, bearing_rad, elevation_rad), (east_m, north_m, up_m, sigma_m), (vehicle, range_m, bearing_rad,
+  /// elevation_rad)
   std::filesystem::path file;
   double rate = 1.0;            ///< replay speed, > 0; 1 is real time
   double start_unix_s = 0.0;    ///< wall time of t_s = 0; 0: when the process starts
   bool encounters = true;       ///< false: encounter rows are passed over
-  double fix_lever_x_m = 0.0;   ///< the antenna, ahead of the origin of the body frame [m]
-  double fix_lever_y_m = 0.0;   ///< and to its left [m]
+  typename G::Point fix_lever = G::Point::Zero();  ///< the antenna in the body frame [m]
 };
 
+template <class G>
 struct VehicleConfig {
   std::filesystem::path file;   ///< where it was read from
-  VehicleParams<SE2> vehicle;
+  VehicleParams<G> vehicle;
   Epoch first_epoch = 0;        ///< of a fresh state folder; 0: by the clock, as it should be outside of trials
   RangeBearingEkfParams front_end;
   dds::DdsConfig dds;
   Impairment impairment;        ///< of what is received, above the middleware; for trials
-  SensorLogConfig sensors;
+  SensorLogConfig<G> sensors;
   std::filesystem::path output_folder;  ///< what a run writes; default: the folder of the file
 };
 
-/// Throws ConfigError with file:line.
-VehicleConfig load_vehicle_config(const std::filesystem::path& file);
+/// <fleet dimension> of a file: 2 or 3. Throws ConfigError with file:line.
+int fleet_dimension(const std::filesystem::path& file);
+
+/// Throws ConfigError with file:line, also if the file is of a fleet of the other dimension.
+template <class G>
+VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file);
 
 /// The same, to be read back. Throws ConfigError if the file cannot be written.
-void save_vehicle_config(const VehicleConfig& config, const std::filesystem::path& file);
+template <class G>
+void save_vehicle_config(const VehicleConfig<G>& config, const std::filesystem::path& file);
 
 /// Opens the exchange that the configuration asks for.
-std::unique_ptr<SubmapExchange<SE2>> open_exchange(const VehicleConfig& config);
+template <class G>
+std::unique_ptr<SubmapExchange<G>> open_exchange(const VehicleConfig<G>& config);
 
 }  // namespace convoy

@@ -64,7 +64,7 @@ LandmarkFact<SE2> landmark_from(const json& line, double inflation) {
 
 // One run as the estimator needs it.
 struct Run {
-  RunRecord record;
+  RunRecord<SE2> record;
   FactStore<SE2> store;
   bool loadings = true;
   std::map<VehicleId, DriftParams<SE2>> params;
@@ -103,12 +103,12 @@ FactStore<SE2> read_facts(const fs::path& file, const std::map<VehicleId, DriftP
 
 // What the vehicle drove, with what its SLAM itself stated: the unknown rate and gamma of its configuration are taken
 // off.
-DrivenPath<SE2> driven_path(const std::vector<PoseRow>& trajectory, const AnchorFact<SE2>* start,
+DrivenPath<SE2> driven_path(const std::vector<PoseRow<SE2>>& trajectory, const AnchorFact<SE2>* start,
                             const DriftParams<SE2>& params) {
   DrivenPath<SE2> path;
   if (start != nullptr) path.states.push_back(start->state);
   SE2::Covariance unknown = SE2::Covariance::Zero();
-  for (const PoseRow& row : trajectory) {
+  for (const PoseRow<SE2>& row : trajectory) {
     if (!row.slam) continue;
     if (!path.states.empty() && row.abscissa_m <= path.states.back().abscissa_m &&
         row.t_s <= path.states.back().stamp_s)
@@ -126,10 +126,12 @@ DrivenPath<SE2> driven_path(const std::vector<PoseRow>& trajectory, const Anchor
 Run read_run_for_calibration(const fs::path& folder, const CalibrateOptions& options,
                              std::vector<std::string>& left_out) {
   Run run;
-  run.record = read_run(folder);
-  const VehicleRecord* witness = run.record.first_survivor();
+  if (run_dimension(folder) != 2)
+    throw ConfigError(folder.string() + ": a run in space; calibrate learns from planar runs only");
+  run.record = read_run<SE2>(folder);
+  const VehicleRecord<SE2>* witness = run.record.first_survivor();
   if (witness == nullptr) throw ConfigError(folder.string() + ": no vehicle lived to the end of this run; repeat it");
-  for (const VehicleRecord& v : run.record.vehicles) {
+  for (const VehicleRecord<SE2>& v : run.record.vehicles) {
     const fs::path config = vehicle_folder(folder, v.id) / "config.xml";
     run.params[v.id] = options.drift_of_config(config);
     if (run.params[v.id].model == DriftModel::literal)
@@ -140,7 +142,7 @@ Run read_run_for_calibration(const fs::path& folder, const CalibrateOptions& opt
   run.store = read_facts(vehicle_folder(folder, witness->id) / "facts.jsonl", run.params, run.loadings);
   if (!run.loadings)
     left_out.push_back(folder.string() + ": facts.jsonl without 'loading': landmarks and closures are not used");
-  for (const VehicleRecord& v : run.record.vehicles) {
+  for (const VehicleRecord<SE2>& v : run.record.vehicles) {
     const AnchorFact<SE2>* start = nullptr;
     ChainId chain;
     for (const auto& [id, facts] : run.store.chains())  // the latest epoch is the one that wrote the trajectory
@@ -164,7 +166,7 @@ double length_of(const DrivenPath<SE2>& path) { return path.states.empty() ? 0.0
 // The true pose of the odometer's body frame.
 class TrueMotion {
  public:
-  TrueMotion(const VehicleRecord& vehicle, bool mounted) : vehicle_(vehicle) {
+  TrueMotion(const VehicleRecord<SE2>& vehicle, bool mounted) : vehicle_(vehicle) {
     if (const auto mount = mounted ? find_truth_mount(vehicle.truth) : std::nullopt)
       T_truth_body_ = mount->T_body_truth().inverse();
   }
@@ -175,7 +177,7 @@ class TrueMotion {
   }
 
  private:
-  const VehicleRecord& vehicle_;
+  const VehicleRecord<SE2>& vehicle_;
   SE2 T_truth_body_;
 };
 
@@ -188,9 +190,9 @@ struct InflationSum {
 InflationSum landmarks_against_truth(const Run& run) {
   InflationSum sum;
   std::map<std::uint32_t, Eigen::Vector2d> true_place;
-  for (const TruthLandmark& l : run.record.landmarks) true_place[l.id] = l.p_world_m;
+  for (const TruthLandmark<SE2>& l : run.record.landmarks) true_place[l.id] = l.p_world_m;
   for (std::size_t p = 0; p < run.paths.size(); ++p) {
-    const VehicleRecord& v = *run.record.find(run.vehicles[p]);
+    const VehicleRecord<SE2>& v = *run.record.find(run.vehicles[p]);
     const TrueMotion truth(v, run.record.scenario == "mrclam");
     for (const auto& [anchor, indices] : run.store.chains().at(run.chains[p]).batches) {
       const Batch<SE2> batch = batch_of(run.store, {run.chains[p], anchor});

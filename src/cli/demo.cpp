@@ -41,17 +41,23 @@ double unix_now_s() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
 }
 
-Scenario make_scenario(const DemoOptions& options) {
-  if (options.dataset.empty()) return make_street({}, options.seed);
-  if (options.dataset == "mrclam") return load_mrclam(options.dataset_folder);
+template <class G>
+Scenario<G> make_scenario(const DemoOptions& options) {
+  if (options.dataset.empty()) return make_street<G>({}, options.seed);
+  if constexpr (G::Dim == 2) {
+    if (options.dataset == "mrclam") return load_mrclam(options.dataset_folder);
+  } else if (options.dataset == "mrclam") {
+    throw ConfigError("demo: mrclam was recorded in a plane; leave out --space, or --dataset");
+  }
   throw ConfigError("demo: no data set '" + options.dataset + "'; there is: mrclam");
 }
 
 // Noise of the street's sensors as a data sheet would state it.
-void tune_for_street(VehicleConfig& c) {
+template <class G>
+void tune_for_street(VehicleConfig<G>& c) {
   c.front_end.sigma_range_m = 0.05;
   c.front_end.sigma_range_share = 0.02;
-  c.front_end.sigma_bearing_rad = 0.5 * M_PI / 180.0;
+  c.front_end.sigma_bearing_rad = c.front_end.sigma_elevation_rad = 0.5 * M_PI / 180.0;
   c.front_end.sigma_along_per_sqrt_m = 0.05;
   c.front_end.sigma_heading_per_sqrt_m = 0.008;
 }
@@ -59,7 +65,7 @@ void tune_for_street(VehicleConfig& c) {
 // Noise and scales: calibrated on the landmark truth of MR.CLAM set 1 (geometry of batches: chi-square 1.03 per degree of
 // freedom with segments of 10 m and 12 landmarks, 1.19 with those below). Segments: chosen looking at set 6, so results on
 // set 6 are not those of an unseen set. Neighbouring images share their errors, hence the interval between sightings.
-void tune_for_mrclam(VehicleConfig& c) {
+void tune_for_mrclam(VehicleConfig<SE2>& c) {
   RangeBearingEkfParams& f = c.front_end;
   f.distance_scale = 0.97;
   f.angle_scale = 0.95;
@@ -80,7 +86,8 @@ void tune_for_mrclam(VehicleConfig& c) {
   c.vehicle.drift.rate = {1e-4, 1e-4, 1e-6};  // small robots on a floor, by their commanded velocities: wider than the default
 }
 
-void use_paper_method(VehicleConfig& c) {
+template <class G>
+void use_paper_method(VehicleConfig<G>& c) {
   c.vehicle.drift.model = DriftModel::literal;
   c.vehicle.submaps.backend = MapBackend::ekf;
   c.vehicle.association.literal_search = true;
@@ -113,6 +120,7 @@ struct Member {
 
 volatile std::sig_atomic_t interrupted = 0;
 
+template <class G>
 class Demo {
  public:
   explicit Demo(const DemoOptions& options) : options_(options) {
@@ -124,7 +132,7 @@ class Demo {
   int run() {
     std::printf("[1/4] scenario: ");
     std::fflush(stdout);
-    scenario_ = make_scenario(options_);
+    scenario_ = make_scenario<G>(options_);
     choose_domain();  // before anything is written
     claim_folder();
     scenario_.write(options_.out);
@@ -177,7 +185,7 @@ class Demo {
     dds::DdsConfig listen;
     listen.domain = domain;
     listen.profile_file = profile_file().string();
-    const dds::DdsExchange<SE2> ear(listen);
+    const dds::DdsExchange<G> ear(listen);
     return ear.wait_for_peers(1, discovery_s) ? ear.peers() : 0;
   }
 
@@ -196,9 +204,9 @@ class Demo {
   void write_configs() {
     start_unix_s_ = unix_now_s() + 1.0 + 0.2 * static_cast<double>(scenario_.vehicles.size());
     std::vector<VehicleId> roster;
-    for (const VehicleLog& log : scenario_.vehicles) roster.push_back(log.id);
-    for (const VehicleLog& log : scenario_.vehicles) {
-      VehicleConfig c;
+    for (const VehicleLog<G>& log : scenario_.vehicles) roster.push_back(log.id);
+    for (const VehicleLog<G>& log : scenario_.vehicles) {
+      VehicleConfig<G> c;
       c.vehicle.id = log.id;
       c.vehicle.state_folder = "state";
       c.first_epoch = options_.first_epoch;
@@ -207,10 +215,7 @@ class Demo {
       c.vehicle.live_period_s = 1.0;
       c.vehicle.drift.landmark_inflation = 1.0;
       c.vehicle.submaps.selection.reference = scenario_.common_frame_vehicle;
-      if (log.prior) {
-        const SE2::Tangent sigma(log.prior->sigma_x_m, log.prior->sigma_y_m, log.prior->sigma_theta_rad);
-        c.vehicle.static_bias = Estimate<SE2>{log.prior->mean, sigma.cwiseAbs2().asDiagonal()};
-      }
+      if (log.prior) c.vehicle.static_bias = Estimate<G>{log.prior->mean, log.prior->sigma.cwiseAbs2().asDiagonal()};
       c.dds.domain = domain_;
       c.dds.profile_file = "../profile.xml";
       c.impairment = impairment_;
@@ -219,7 +224,7 @@ class Demo {
       c.sensors.encounters = options_.encounters;
       c.sensors.rate = options_.rate;
       c.sensors.start_unix_s = start_unix_s_;
-      scenario_.name == "mrclam" ? tune_for_mrclam(c) : tune_for_street(c);
+      tune(c);
       if (options_.literal) use_paper_method(c);
       Member member;
       member.id = log.id;
@@ -227,6 +232,12 @@ class Demo {
       save_vehicle_config(c, member.config);
       members_.push_back(std::move(member));
     }
+  }
+
+  void tune(VehicleConfig<G>& c) const {
+    if constexpr (G::Dim == 2)
+      if (scenario_.name == "mrclam") return tune_for_mrclam(c);
+    tune_for_street(c);
   }
 
   fs::path log_of(const Member& member) const { return vehicle_folder(options_.out, member.id) / "log.txt"; }
@@ -370,6 +381,7 @@ class Demo {
     run["scenario"] = scenario_.name;
     run["source"] = scenario_.source;
     run["seed"] = scenario_.seed;
+    run["dimension"] = G::Dim;
     run["rate"] = options_.rate;
     run["vehicles"] = json::array();
     for (const Member& member : members_) run["vehicles"].push_back(member.id);
@@ -384,8 +396,8 @@ class Demo {
   }
 
   int judge() const {
-    const RunRecord run = read_run(options_.out);
-    const Evaluation evaluation = evaluate(run);
+    const RunRecord<G> run = read_run<G>(options_.out);
+    const Evaluation<G> evaluation = evaluate(run);
     write_evaluation(run, evaluation);
     write_report(run, evaluation);
     std::printf("\n%s\n\nReport:  %s\nMetrics: %s\n", headline(run, evaluation.metrics).c_str(),
@@ -396,7 +408,7 @@ class Demo {
 
   DemoOptions options_;
   Impairment impairment_;
-  Scenario scenario_;
+  Scenario<G> scenario_;
   std::uint32_t domain_ = 0;
   double start_unix_s_ = 0.0;
   std::vector<Member> members_;
@@ -405,6 +417,6 @@ class Demo {
 
 }  // namespace
 
-int run_demo(const DemoOptions& options) { return Demo(options).run(); }
+int run_demo(const DemoOptions& options) { return options.space ? Demo<SE3>(options).run() : Demo<SE2>(options).run(); }
 
 }  // namespace convoy::cli

@@ -15,6 +15,7 @@ struct DemoOptions {
   std::filesystem::path out;             ///< run folder; must not hold a run yet
   std::string dataset;                   ///< "" (the street), or "mrclam"
   std::filesystem::path dataset_folder;
+  bool space = false;                    ///< the street climbs and falls, and everything is SE(3)
   std::uint64_t seed = 1;                ///< of the street
   double rate = 10.0;                    ///< vehicle seconds per second, > 0
   std::string impair;                    ///< Impairment::parse; on what every vehicle receives

@@ -1,5 +1,6 @@
 // The command convoy.
 #include <convoy/config_error.hpp>
+#include <convoy/geometry/groups.hpp>
 
 #include <CLI/CLI.hpp>
 #include <spdlog/sinks/stdout_sinks.h>
@@ -30,6 +31,7 @@ int main(int argc, char** argv) {
   demo.out = "convoy-demo";
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
   demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam")->expected(2);
+  demo_command->add_flag("--space", demo.space, "a street that climbs and falls, in three dimensions");
   demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)");
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")->check(CLI::Range(0.01, 1000.0));
   demo_command->add_option("--impair", demo.impair, "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
@@ -57,18 +59,23 @@ int main(int argc, char** argv) {
       ->check(CLI::PositiveNumber);
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
   vehicle_command->add_option("--out", vehicle.out, "folder for what it writes (default: the configuration's)");
-  vehicle_command->callback([&] { status = cli::run_vehicle(load_vehicle_config(config), vehicle); });
+  vehicle_command->callback([&] {
+    status = with_group(fleet_dimension(config),
+                        [&]<class G>(G) { return cli::run_vehicle(load_vehicle_config<G>(config), vehicle); });
+  });
 
   std::string run_folder;
   auto* evaluate_command = app.add_subcommand("evaluate", "Judge a run folder again: metrics.json and report.html");
   evaluate_command->add_option("run", run_folder, "run folder")->required();
   evaluate_command->callback([&] {
-    const cli::RunRecord run = cli::read_run(run_folder);
-    cli::expect_survivors(run);
-    const cli::Evaluation evaluation = cli::evaluate(run);
-    cli::write_evaluation(run, evaluation);
-    cli::write_report(run, evaluation);
-    std::printf("%s\n", cli::headline(run, evaluation.metrics).c_str());
+    with_group(cli::run_dimension(run_folder), [&]<class G>(G) {
+      const cli::RunRecord<G> run = cli::read_run<G>(run_folder);
+      cli::expect_survivors(run);
+      const cli::Evaluation<G> evaluation = cli::evaluate(run);
+      cli::write_evaluation(run, evaluation);
+      cli::write_report(run, evaluation);
+      std::printf("%s\n", cli::headline(run, evaluation.metrics).c_str());
+    });
   });
 
   cli::CalibrateOptions calibrate;
@@ -79,7 +86,9 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"auto", "truth", "closures"}));
   calibrate_command->add_option("--span", calibrate.span_m, "metres of a span against the truth (default: 80)");
   calibrate_command->callback([&] {
-    calibrate.drift_of_config = [](const std::filesystem::path& file) { return load_vehicle_config(file).vehicle.drift; };
+    calibrate.drift_of_config = [](const std::filesystem::path& file) {
+      return load_vehicle_config<SE2>(file).vehicle.drift;
+    };
     status = cli::run_calibrate(calibrate);
   });
 

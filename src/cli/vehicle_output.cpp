@@ -11,6 +11,7 @@
 #include <set>
 
 #include "evaluate/run_folder.hpp"
+#include "scenario/pose_columns.hpp"
 #include "scenario/table_file.hpp"
 #include "vehicle_status.hpp"
 
@@ -19,49 +20,28 @@ namespace {
 
 using nlohmann::json;
 
-void append_pose(std::string& row, const SE2& T) {
-  for (const double x : {T.translation().x(), T.translation().y(), T.theta()}) {
-    row += ',';
-    append_number(row, x);
-  }
-}
-
-void append_covariance(std::string& row, const Eigen::Matrix3d& P) {
-  for (int i = 0; i < 3; ++i)
-    for (int j = i; j < 3; ++j) {
-      row += ',';
-      append_number(row, P(i, j));
-    }
-}
-
-json upper(const Eigen::MatrixXd& P) {
-  json list = json::array();
-  for (Eigen::Index i = 0; i < P.rows(); ++i)
-    for (Eigen::Index j = i; j < P.cols(); ++j) list.push_back(P(i, j));
-  return list;
-}
-
-json pose_of(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
-
 // "t_s,...": the part that live.csv and trajectory.csv share. The SLAM's own covariance is its drift as a right
 // perturbation of its own pose.
-void append_state(std::string& row, const ChainState<SE2>& slam, const std::optional<Estimate<SE2>>& estimate) {
+template <class G>
+void append_state(std::string& row, const ChainState<G>& slam, const std::optional<Estimate<G>>& estimate) {
   append_number(row, slam.abscissa_m);
   append_pose(row, slam.pose);
-  const SE2::Adjoint Ad = slam.pose.inverse().adjoint();
-  append_covariance(row, symmetrised(SE2::Covariance(Ad * slam.drift * Ad.transpose())));
+  const typename G::Adjoint Ad = slam.pose.inverse().adjoint();
+  append_covariance(row, symmetrised(typename G::Covariance(Ad * slam.drift * Ad.transpose())));
   if (estimate) {
     append_pose(row, estimate->mean);
     append_covariance(row, estimate->covariance);
   } else {
-    row += ",,,,,,,,,";
+    row.append(coordinate_count<G> + covariance_count<G>, ',');
   }
 }
 
 // Absolute fixes held: which are used, and where the common frame is by them.
-json absolute_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) {
+template <class G>
+json absolute_json(const FactStore<G>& store, const GlobalMap<G>& global) {
   json out = {{"datum", nullptr}, {"fixes", json::array()}};  // datum: T_enu_common
-  if (const auto datum = global.map->datum()) out["datum"] = {{"pose", pose_of(datum->mean)}, {"cov", upper(datum->covariance)}};
+  if (const auto datum = global.map->datum())
+    out["datum"] = {{"pose", pose_list(datum->mean)}, {"cov", upper_of(datum->covariance)}};
   std::set<Key> used;
   for (const auto& f : global.map->problem().fixes) used.insert(f.fix);
   for (const auto& [id, chain] : store.chains())
@@ -71,7 +51,8 @@ json absolute_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) {
 }
 
 // Encounters held: whether the other vehicle has answered, and which are used.
-json encounters_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) {
+template <class G>
+json encounters_json(const FactStore<G>& store, const GlobalMap<G>& global) {
   std::set<Key> answered, used;
   for (const auto& f : global.map->problem().encounters) used.insert(f.encounter);
   for (const auto& [id, chain] : store.chains())
@@ -84,9 +65,10 @@ json encounters_json(const FactStore<SE2>& store, const GlobalMap<SE2>& global) 
   return out;
 }
 
-json map_json(const SubmapManager<SE2>& manager) {
-  const FactStore<SE2>& store = manager.store();
-  const GlobalMap<SE2>& global = manager.map();
+template <class G>
+json map_json(const SubmapManager<G>& manager) {
+  const FactStore<G>& store = manager.store();
+  const GlobalMap<G>& global = manager.map();
   json out;
   out["facts_digest"] = hex(store.digest());
   out["selection_digest"] = hex(global.selection.digest);
@@ -108,12 +90,16 @@ json map_json(const SubmapManager<SE2>& manager) {
                                            {"heading_rad_per_m", learnt->mean[1]},
                                            {"heading_sigma_rad_per_m", learnt->sigma[1]}};
     for (const auto& [index, anchor] : chain.anchors) {
-      json entry = {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"stamp_s", anchor.state.stamp_s},
-                    {"abscissa_m", anchor.state.abscissa_m}, {"slam", pose_of(anchor.state.pose)},
-                    {"drift", upper(anchor.state.drift)}};
+      json entry = {{"vehicle", id.vehicle},
+                    {"epoch", id.epoch},
+                    {"index", index},
+                    {"stamp_s", anchor.state.stamp_s},
+                    {"abscissa_m", anchor.state.abscissa_m},
+                    {"slam", pose_list(anchor.state.pose)},
+                    {"drift", upper_of(anchor.state.drift)}};
       if (const auto estimate = global.map->aligned(id) ? global.map->pose(id, anchor.state) : std::nullopt) {
-        entry["pose"] = pose_of(estimate->mean);
-        entry["cov"] = upper(estimate->covariance);
+        entry["pose"] = pose_list(estimate->mean);
+        entry["cov"] = upper_of(estimate->covariance);
       } else {
         entry["pose"] = entry["cov"] = nullptr;
       }
@@ -124,16 +110,16 @@ json map_json(const SubmapManager<SE2>& manager) {
       json entry = {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"anchor", landmark.anchor},
                     {"class", known == class_of.end() ? -1 : known->second}};
       if (const auto estimate = global.map->aligned(id) ? global.map->landmark(store, landmark) : std::nullopt) {
-        entry["x"] = estimate->mean.x();
-        entry["y"] = estimate->mean.y();
-        entry["cov"] = upper(estimate->covariance);
+        for (int c = 0; c < G::Dim; ++c) entry[std::string(1, "xyz"[c])] = estimate->mean[c];
+        entry["cov"] = upper_of(estimate->covariance);
       } else {
-        entry["x"] = entry["y"] = entry["cov"] = nullptr;
+        for (int c = 0; c < G::Dim; ++c) entry[std::string(1, "xyz"[c])] = nullptr;
+        entry["cov"] = nullptr;
       }
       out["landmarks"].push_back(entry);
     }
   }
-  for (const Hypothesis<SE2>& h : global.selection.hypotheses) {
+  for (const Hypothesis<G>& h : global.selection.hypotheses) {
     json pairings = json::array();
     double stamp_s = 0.0;
     for (const auto& [a, b] : h.pairings) {
@@ -143,8 +129,8 @@ json map_json(const SubmapManager<SE2>& manager) {
       if (h.state == HypothesisState::accepted && !fused) continue;
       pairings.push_back({a.chain.vehicle, a.chain.epoch, a.index, b.chain.vehicle, b.chain.epoch, b.index});
       for (const Key& key : {a, b})  // it became known when the later of its batches closed
-        if (const LandmarkFact<SE2>* landmark = store.landmark(key))
-          if (const AnchorFact<SE2>* anchor = store.anchor(landmark->anchor_key()))
+        if (const LandmarkFact<G>* landmark = store.landmark(key))
+          if (const AnchorFact<G>* anchor = store.anchor(landmark->anchor_key()))
             stamp_s = std::max(stamp_s, anchor->state.stamp_s);
     }
     out["associations"].push_back({{"id", hex(h.id)}, {"author", h.author.vehicle}, {"t_s", stamp_s},
@@ -154,12 +140,8 @@ json map_json(const SubmapManager<SE2>& manager) {
   return out;
 }
 
-template <class Vector>
-std::vector<double> vector_of(const Vector& v) {
-  return {v.data(), v.data() + v.size()};
-}
-
-std::string facts_lines(const FactStore<SE2>& store) {
+template <class G>
+std::string facts_lines(const FactStore<G>& store) {
   std::string text;
   const auto line = [&](const char* kind, const Key& key, json fact) {
     fact["kind"] = kind;
@@ -169,45 +151,72 @@ std::string facts_lines(const FactStore<SE2>& store) {
   const auto key_of = [](const Key& key) { return json{key.chain.vehicle, key.chain.epoch, key.index}; };
   for (const auto& [id, chain] : store.chains()) {
     for (const auto& [i, f] : chain.priors)
-      line("prior", f.key, {{"known", f.known}, {"mean", pose_of(f.mean)}, {"covariance", upper(f.covariance)},
-                            {"scale_sigma", f.persistent.scale}, {"heading_sigma_rad_per_m", f.persistent.heading_rad_per_m}});
+      line("prior", f.key,
+           {{"known", f.known},
+            {"mean", pose_list(f.mean)},
+            {"covariance", upper_of(f.covariance)},
+            {"scale_sigma", f.persistent.scale},
+            {"heading_sigma_rad_per_m", f.persistent.heading_rad_per_m}});
     for (const auto& [i, f] : chain.anchors)
-      line("anchor", f.key, {{"stamp_s", f.state.stamp_s}, {"abscissa_m", f.state.abscissa_m}, {"slam", pose_of(f.state.pose)},
-                             {"drift", upper(f.state.drift)}, {"heading_lever", vector_of(f.state.heading_lever)},
-                             {"first_landmark", f.first_landmark},
-                             {"landmark_count", f.landmark_count}});
+      line("anchor", f.key,
+           {{"stamp_s", f.state.stamp_s},
+            {"abscissa_m", f.state.abscissa_m},
+            {"slam", pose_list(f.state.pose)},
+            {"drift", upper_of(f.state.drift)},
+            {"heading_lever", list_of(f.state.heading_lever)},
+            {"first_landmark", f.first_landmark},
+            {"landmark_count", f.landmark_count}});
     for (const auto& [i, f] : chain.landmarks)
-      line("landmark", f.key, {{"anchor", f.anchor}, {"position", {f.position.x(), f.position.y()}},
-                               {"covariance", upper(f.covariance)},
-                               {"loading", std::vector<double>(f.loading.data(), f.loading.data() + f.loading.size())}});
+      line("landmark", f.key,
+           {{"anchor", f.anchor},
+            {"position", list_of(f.position)},
+            {"covariance", upper_of(f.covariance)},
+            {"loading", std::vector<double>(f.loading.data(), f.loading.data() + f.loading.size())}});
     for (const auto& [i, f] : chain.associations) {
       json pairings = json::array();
       for (const auto& [a, b] : f.pairings) pairings.push_back({key_of(a), key_of(b)});
       line("association", f.key, {{"hypothesis", hex(hypothesis_id(f.pairings))}, {"pairings", pairings}});
     }
     for (const auto& [i, f] : chain.absolute_fixes)
-      line("absolute_fix", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
-                                   {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
-                                   {"heading_lever", vector_of(f.state.heading_lever)},
-                                   {"lever", {f.lever.x(), f.lever.y()}},
-                                   {"position", {f.position.x(), f.position.y()}}, {"covariance", upper(f.covariance)}});
+      line("absolute_fix", f.key,
+           {{"anchor", f.anchor},
+            {"stamp_s", f.state.stamp_s},
+            {"slam", pose_list(f.state.pose)},
+            {"abscissa_m", f.state.abscissa_m},
+            {"drift", upper_of(f.state.drift)},
+            {"heading_lever", list_of(f.state.heading_lever)},
+            {"lever", list_of(f.lever)},
+            {"position", list_of(f.position)},
+            {"covariance", upper_of(f.covariance)}});
     for (const auto& [i, f] : chain.encounters)
-      line("encounter", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
-                                {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
-                                {"heading_lever", vector_of(f.state.heading_lever)}, {"other", f.other},
-                                {"position", vector_of(f.position)}, {"covariance", upper(f.covariance)}});
+      line("encounter", f.key,
+           {{"anchor", f.anchor},
+            {"stamp_s", f.state.stamp_s},
+            {"slam", pose_list(f.state.pose)},
+            {"abscissa_m", f.state.abscissa_m},
+            {"drift", upper_of(f.state.drift)},
+            {"heading_lever", list_of(f.state.heading_lever)},
+            {"other", f.other},
+            {"position", list_of(f.position)},
+            {"covariance", upper_of(f.covariance)}});
     for (const auto& [i, f] : chain.waypoints)
-      line("waypoint", f.key, {{"anchor", f.anchor}, {"stamp_s", f.state.stamp_s}, {"slam", pose_of(f.state.pose)},
-                               {"abscissa_m", f.state.abscissa_m}, {"drift", upper(f.state.drift)},
-                               {"heading_lever", vector_of(f.state.heading_lever)}, {"encounter", key_of(f.encounter)},
-                               {"mark", vector_of(f.mark)}});
+      line("waypoint", f.key,
+           {{"anchor", f.anchor},
+            {"stamp_s", f.state.stamp_s},
+            {"slam", pose_list(f.state.pose)},
+            {"abscissa_m", f.state.abscissa_m},
+            {"drift", upper_of(f.state.drift)},
+            {"heading_lever", list_of(f.state.heading_lever)},
+            {"encounter", key_of(f.encounter)},
+            {"mark", list_of(f.mark)}});
     for (const auto& [i, f] : chain.verdicts)
       line("verdict", f.key, {{"hypothesis", hex(f.hypothesis)}, {"veto", f.veto}});
   }
   return text;
 }
 
-json counters_json(const VehicleSnapshot<SE2>& s) {
+template <class G>
+json counters_json(const VehicleSnapshot<G>& s) {
   json c;
   c["facts_published"] = s.submaps.facts_published;
   c["facts_received"] = s.submaps.facts_received;
@@ -249,15 +258,17 @@ double peak_rss_mb() {
 
 }  // namespace
 
-VehicleOutput::VehicleOutput(const std::filesystem::path& folder) : folder_(folder) {
+template <class G>
+VehicleOutput<G>::VehicleOutput(const std::filesystem::path& folder) : folder_(folder) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
-  live_ = appending("live.csv", live_header);
+  live_ = appending("live.csv", live_header<G>);
   traffic_ = appending("traffic.csv", traffic_header);
   labels_ = appending("labels.csv", labels_header);
 }
 
-std::ofstream VehicleOutput::appending(const std::string& name, std::string_view header) {
+template <class G>
+std::ofstream VehicleOutput<G>::appending(const std::string& name, std::string_view header) {
   const std::filesystem::path file = folder_ / name;
   std::error_code none;
   const auto size = std::filesystem::file_size(file, none);
@@ -268,15 +279,17 @@ std::ofstream VehicleOutput::appending(const std::string& name, std::string_view
   return out;
 }
 
-void VehicleOutput::write_label(Epoch epoch, std::uint32_t index, std::uint64_t track) {
+template <class G>
+void VehicleOutput<G>::write_label(Epoch epoch, std::uint32_t index, std::uint64_t track) {
   std::string row;
   append_csv_row(row, index, epoch, track);
   labels_ << row << std::flush;
 }
 
-void VehicleOutput::write_live(double t_s, const VehicleSnapshot<SE2>& snapshot, const SubmapManager<SE2>& manager) {
+template <class G>
+void VehicleOutput<G>::write_live(double t_s, const VehicleSnapshot<G>& snapshot, const SubmapManager<G>& manager) {
   std::string rows;
-  for (const VehicleState<SE2>& v : snapshot.vehicles) {
+  for (const VehicleState<G>& v : snapshot.vehicles) {
     // Of a vehicle that was restarted only its latest epoch is where it is now.
     const auto next = manager.store().chains().upper_bound(v.chain);
     if (next != manager.store().chains().end() && next->first.vehicle == v.chain.vehicle) continue;
@@ -299,12 +312,13 @@ void VehicleOutput::write_live(double t_s, const VehicleSnapshot<SE2>& snapshot,
   }
 }
 
-void VehicleOutput::write_end(double t_s, const VehicleSnapshot<SE2>& snapshot, SubmapManager<SE2>& manager,
-                              const FrontEndComponent<SE2>& front_end) {
+template <class G>
+void VehicleOutput<G>::write_end(double t_s, const VehicleSnapshot<G>& snapshot, SubmapManager<G>& manager,
+                                 const FrontEndComponent<G>& front_end) {
   const bool aligned = manager.map().map->aligned(manager.self());
-  std::string rows(trajectory_header);
+  std::string rows(trajectory_header<G>);
   rows += '\n';
-  for (const ChainState<SE2>& state : front_end.trail()) {
+  for (const ChainState<G>& state : front_end.trail()) {
     append_number(rows, state.stamp_s);
     rows += ',';
     append_state(rows, state, aligned ? manager.map().map->pose(manager.self(), state) : std::nullopt);
@@ -319,5 +333,8 @@ void VehicleOutput::write_end(double t_s, const VehicleSnapshot<SE2>& snapshot, 
   summary["counters"] = counters_json(snapshot);
   write_text_file(folder_ / "summary.json", summary.dump(1) + "\n");
 }
+
+#define CONVOY_INSTANTIATE(G) template class VehicleOutput<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <convoy/components/vehicle.hpp>
-#include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/groups.hpp>
 
 #include <filesystem>
 #include <fstream>
@@ -13,14 +13,15 @@ namespace convoy::cli {
 
 /// Appends to live.csv, traffic.csv and labels.csv while the vehicle runs (a restarted vehicle goes on in the same
 /// files), and writes trajectory.csv, map.json, facts.jsonl and summary.json at its end. Throws ConfigError.
+template <class G>
 class VehicleOutput {
  public:
   explicit VehicleOutput(const std::filesystem::path& folder);
 
   void write_label(Epoch epoch, std::uint32_t index, std::uint64_t track);
-  void write_live(double t_s, const VehicleSnapshot<SE2>& snapshot, const SubmapManager<SE2>& manager);
-  void write_end(double t_s, const VehicleSnapshot<SE2>& snapshot, SubmapManager<SE2>& manager,
-                 const FrontEndComponent<SE2>& front_end);
+  void write_live(double t_s, const VehicleSnapshot<G>& snapshot, const SubmapManager<G>& manager);
+  void write_end(double t_s, const VehicleSnapshot<G>& snapshot, SubmapManager<G>& manager,
+                 const FrontEndComponent<G>& front_end);
 
  private:
   std::ofstream appending(const std::string& name, std::string_view header);

@@ -1,6 +1,8 @@
 #include "vehicle_process.hpp"
 
 #include <convoy/config_error.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/polar.hpp>
 
 #include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
@@ -25,11 +27,12 @@ double unix_now_s() {
 }
 
 // Replays a sensor log on the clock.
+template <class G>
 class LogReplay {
  public:
-  LogReplay(const std::vector<SensorEvent>& events, const VehicleConfig& config, double from_s)
+  LogReplay(const std::vector<SensorEvent>& events, const VehicleConfig<G>& config, double from_s)
       : events_(events),
-        antenna_(config.sensors.fix_lever_x_m, config.sensors.fix_lever_y_m),
+        antenna_(config.sensors.fix_lever),
         camera_(config.front_end),
         encounters_(config.sensors.encounters) {
     while (next_ < events_.size() && events_[next_].t_s < from_s) ++next_;  // a late starter missed these
@@ -37,18 +40,18 @@ class LogReplay {
   }
   bool exhausted() const { return next_ == events_.size(); }
 
-  void feed_until(double t_s, Vehicle<SE2>& vehicle, RangeBearingEkf& slam) {
+  void feed_until(double t_s, Vehicle<G>& vehicle, RangeBearingEkf<G>& slam) {
     for (; next_ < events_.size() && events_[next_].t_s <= t_s; ++next_) {
       const SensorEvent& e = events_[next_];
       if (e.kind == SensorEvent::Kind::encounter && !encounters_) continue;
       vehicle.feed([&] {
         if (e.kind == SensorEvent::Kind::odometry) slam.on_odometry(e.t_s, e.v_m_s, e.omega_rad_s);
-        else if (e.kind == SensorEvent::Kind::sighting) slam.on_sighting(e.t_s, e.track, e.range_m, e.bearing_rad);
+        else if (e.kind == SensorEvent::Kind::sighting) slam.on_sighting(e.t_s, e.track, e.polar<G>());
         else slam.on_time(e.t_s);
       });
       if (e.kind == SensorEvent::Kind::encounter) feed_encounter(e, vehicle);
       if (e.kind == SensorEvent::Kind::fix)  // one that is not fit to be a fact is counted there
-        (void)vehicle.feed_absolute_fix(antenna_, {e.east_m, e.north_m}, square(e.sigma_m) * Eigen::Matrix2d::Identity());
+        (void)vehicle.feed_absolute_fix(antenna_, e.place<G>(), square(e.sigma_m) * G::PointCovariance::Identity());
     }
     if (exhausted() && !finished_) {
       finished_ = true;
@@ -60,23 +63,23 @@ class LogReplay {
   static double square(double x) { return x * x; }
 
   // As exact as the sighting of a landmark.
-  void feed_encounter(const SensorEvent& e, Vehicle<SE2>& vehicle) const {
-    const Eigen::Vector2d ahead(std::cos(e.bearing_rad), std::sin(e.bearing_rad)), left(-ahead.y(), ahead.x());
-    const double along = square(camera_.sigma_range_m + camera_.sigma_range_share * e.range_m);
-    const double across = square(camera_.sigma_bearing_rad * e.range_m);
-    (void)vehicle.feed_encounter(e.track, e.range_m * ahead,
-                                 along * ahead * ahead.transpose() + across * left * left.transpose());
+  void feed_encounter(const SensorEvent& e, Vehicle<G>& vehicle) const {
+    const typename G::Point polar = e.polar<G>();
+    const typename G::PointCovariance J = point_jacobian(polar);
+    const typename G::PointCovariance P = J * camera_.sighting_noise<G>(e.range_m) * J.transpose();
+    (void)vehicle.feed_encounter(e.track, e.range_m * ray_of(polar), symmetrised(P));
   }
 
   const std::vector<SensorEvent>& events_;
-  Eigen::Vector2d antenna_;  // body frame [m]
+  typename G::Point antenna_;  // body frame [m]
   RangeBearingEkfParams camera_;
   bool encounters_;
   std::size_t next_ = 0;
   bool finished_ = false;
 };
 
-void print_status(double t_s, bool exhausted, const VehicleSnapshot<SE2>& snapshot) {
+template <class G>
+void print_status(double t_s, bool exhausted, const VehicleSnapshot<G>& snapshot) {
   nlohmann::json line = vehicle_status(t_s, snapshot);
   line["exhausted"] = exhausted;
   std::printf("%s\n", line.dump().c_str());
@@ -85,14 +88,15 @@ void print_status(double t_s, bool exhausted, const VehicleSnapshot<SE2>& snapsh
 
 }  // namespace
 
-int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
+template <class G>
+int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGPIPE, SIG_IGN);
 
   if (config.sensors.file.empty())
     throw ConfigError(config.file.string() + ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
-  const std::vector<SensorEvent> events = read_sensors(config.sensors.file);
+  const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
   if (options.now) config.sensors.start_unix_s = 0.0;
@@ -103,9 +107,10 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
   if (!starts_now && clock() > events.back().t_s)
     throw ConfigError(config.file.string() + ": the sensor log ended before this start (start_unix_s lies in the past); " +
                       "give --now to drive it from its beginning, and --out FOLDER to keep what an earlier run left");
-  VehicleOutput output(config.output_folder);
-  RangeBearingEkf slam(config.front_end);
-  Vehicle<SE2> vehicle(config.vehicle, slam, [&] { return open_exchange(config); }, clock);
+  VehicleOutput<G> output(config.output_folder);
+  RangeBearingEkf<G> slam(config.front_end);
+  Vehicle<G> vehicle(
+      config.vehicle, slam, [&] { return open_exchange(config); }, clock);
   Epoch epoch = 0;
   vehicle.on_export([&](std::uint32_t index, std::uint64_t track) { output.write_label(epoch, index, track); });
   vehicle.configure();
@@ -114,7 +119,7 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
                config.dds.domain, events.size(), config.sensors.file.string());
   vehicle.activate();
   bool warned = false;
-  const auto warn_once = [&](const VehicleSnapshot<SE2>& snapshot) {
+  const auto warn_once = [&](const VehicleSnapshot<G>& snapshot) {
     for (const auto& state : snapshot.vehicles)
       if (!warned && state.chain == snapshot.self && (state.reasons & reason_impersonated) != 0) {
         warned = true;
@@ -123,7 +128,7 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
       }
   };
 
-  LogReplay replay(events, config, starts_now ? events.front().t_s : clock());
+  LogReplay<G> replay(events, config, starts_now ? events.front().t_s : clock());
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
   while (!stop_requested && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
     const double now_s = clock();
@@ -144,9 +149,9 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
 
   vehicle.deactivate();
   const double end_s = clock();
-  vehicle.inspect([&](SubmapManager<SE2>& manager, auto&) { manager.rebuild(end_s, true); });
+  vehicle.inspect([&](SubmapManager<G>& manager, auto&) { manager.rebuild(end_s, true); });
   const auto snapshot = vehicle.snapshot();
-  vehicle.inspect([&](SubmapManager<SE2>& manager, FrontEndComponent<SE2>& front_end) {
+  vehicle.inspect([&](SubmapManager<G>& manager, FrontEndComponent<G>& front_end) {
     output.write_end(end_s, snapshot, manager, front_end);
   });
   print_status(end_s, replay.exhausted(), snapshot);
@@ -154,5 +159,8 @@ int run_vehicle(VehicleConfig config, const VehicleRunOptions& options) {
   spdlog::info("stopped; map {} with {} landmarks known", hex(snapshot.map_digest), snapshot.landmarks_known);
   return 0;
 }
+
+#define CONVOY_INSTANTIATE(G) template int run_vehicle(VehicleConfig<G>, const VehicleRunOptions&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

@@ -16,6 +16,7 @@ struct VehicleRunOptions {
 
 /// Runs the vehicle until SIGTERM or SIGINT, or until its sensors end. Returns the exit status. Throws ConfigError, also when
 /// the whole sensor log lies in the past: nothing is written then.
-int run_vehicle(VehicleConfig config, const VehicleRunOptions& options);
+template <class G>
+int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options);
 
 }  // namespace convoy::cli

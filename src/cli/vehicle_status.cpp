@@ -12,12 +12,13 @@ std::string hex(Hash hash) {
   return text;
 }
 
-json vehicle_status(double t_s, const VehicleSnapshot<SE2>& s) {
+template <class G>
+json vehicle_status(double t_s, const VehicleSnapshot<G>& s) {
   json status;
   status["vehicle"] = s.self.vehicle;
   status["epoch"] = s.self.epoch;
   status["vehicle_s"] = t_s;
-  for (const VehicleState<SE2>& v : s.vehicles)
+  for (const VehicleState<G>& v : s.vehicles)
     if (v.chain == s.self) {
       status["integrity"] = to_string(v.integrity);
       status["reasons"] = names_of_reasons(v.reasons);
@@ -33,5 +34,8 @@ json vehicle_status(double t_s, const VehicleSnapshot<SE2>& s) {
   status["map_digest"] = hex(s.map_digest);
   return status;
 }
+
+#define CONVOY_INSTANTIATE(G) template json vehicle_status(double, const VehicleSnapshot<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <convoy/components/vehicle.hpp>
-#include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/groups.hpp>
 
 #include <nlohmann/json.hpp>
 
@@ -12,7 +12,8 @@ namespace convoy::cli {
 
 /// vehicle, epoch, vehicle_s, integrity, reasons (names), landmarks_exported, landmarks_known, facts_missing,
 /// associations_accepted, bytes_sent, requests_sent, settled, facts_digest, map_digest. `t_s`: on the vehicle's clock.
-nlohmann::json vehicle_status(double t_s, const VehicleSnapshot<SE2>& snapshot);
+template <class G>
+nlohmann::json vehicle_status(double t_s, const VehicleSnapshot<G>& snapshot);
 
 /// Sixteen hex digits.
 std::string hex(Hash hash);

@@ -1,16 +1,13 @@
 #include <convoy/frontend/range_bearing_filter.hpp>
 #include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/polar.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <utility>
 
 namespace convoy {
 namespace {
-
-// J p, the derivative of a rotation of p.
-Eigen::Vector2d turned(const Eigen::Vector2d& p) { return {-p.y(), p.x()}; }
 
 // P with a copy of `size` rows and columns from `from` inserted at `at`.
 Eigen::MatrixXd with_copy(const Eigen::MatrixXd& P, Eigen::Index from, Eigen::Index size, Eigen::Index at) {
@@ -24,56 +21,57 @@ Eigen::MatrixXd with_copy(const Eigen::MatrixXd& P, Eigen::Index from, Eigen::In
 
 }  // namespace
 
-void RangeBearingFilter::move(const SE2& step, const Eigen::Vector3d& variance) {
+template <class G>
+void RangeBearingFilter<G>::move(const G& step, const typename G::Tangent& variance) {
+  constexpr int Turn = G::Dof - G::Dim;
   pose_ = pose_ * step;
-  // xi+ = xi + Ad_X w for the pose, xi_l+ = xi_l - J l^ w_theta for a landmark.
-  Eigen::MatrixXd G = Eigen::MatrixXd::Zero(P_.rows(), 3);
-  G.topRows<3>() = pose_.adjoint();
-  for (std::size_t i = 0; i < tracks_.size(); ++i) G.block<2, 1>(column(i), 2) = -turned(tracks_[i].position);
-  P_.noalias() += G * variance.asDiagonal() * G.transpose();
+  // xi+ = xi + Ad_X w for the pose, of which theta moves a landmark against itself: xi_l+ = xi_l - theta x l^.
+  const typename G::Adjoint Ad = pose_.adjoint();
+  Eigen::MatrixXd N = Eigen::MatrixXd::Zero(P_.rows(), G::Dof);
+  N.template topRows<G::Dof>() = Ad;
+  for (std::size_t i = 0; i < tracks_.size(); ++i)
+    N.template block<G::Dim, Turn>(column(i), G::Dim) =
+        -G().act_jacobian(tracks_[i].position).template rightCols<Turn>() * Ad.template bottomRightCorner<Turn, Turn>();
+  P_.noalias() += N * variance.asDiagonal() * N.transpose();
 }
 
-void RangeBearingFilter::add(double stamp_s, std::uint64_t id, double range_m, double bearing_rad,
-                             const Eigen::Matrix2d& noise) {
-  const Eigen::Vector2d ray(std::cos(bearing_rad), std::sin(bearing_rad));
-  RangeBearingTrack track;
+template <class G>
+void RangeBearingFilter<G>::add(double stamp_s, std::uint64_t id, const Polar& sighting, const PolarNoise& noise) {
+  const typename G::Point ray = ray_of(sighting);
+  RangeBearingTrack<G> track;
   track.id = id;
-  track.position = pose_ * Eigen::Vector2d(range_m * ray);
+  track.position = pose_ * typename G::Point(sighting[0] * ray);
   track.sightings = 1;
   track.last_s = stamp_s;
-  track.first_ray = wrap_angle(pose_.theta() + bearing_rad);
+  track.ray_a = track.ray_b = pose_.rotation() * ray;
   tracks_.push_back(track);
 
-  Eigen::Matrix2d polar;  // d(cartesian) / d(range, bearing)
-  polar.col(0) = ray;
-  polar.col(1) = range_m * turned(ray);
-  const Eigen::Matrix2d A = pose_.rotation() * polar;
+  const typename G::PointCovariance A = pose_.rotation() * point_jacobian(sighting);
   // xi_l = xi_rho - R n: a copy of the position's rows and columns, put behind the other landmarks, before the clones.
   const Eigen::Index at = column(tracks_.size() - 1);
-  P_ = with_copy(P_, 0, 2, at);
-  P_.block<2, 2>(at, at) += A * noise * A.transpose();
+  P_ = with_copy(P_, 0, G::Dim, at);
+  P_.template block<G::Dim, G::Dim>(at, at) += A * noise * A.transpose();
 }
 
-void RangeBearingFilter::clone_pose(double stamp_s, double abscissa_m) {
-  clones_.push_back({stamp_s, abscissa_m, pose_, {}});
-  P_ = with_copy(P_, 0, 3, clone_column(clones_.size() - 1));
+template <class G>
+void RangeBearingFilter<G>::clone_pose(double stamp_s, double abscissa_m) {
+  clones_.push_back({stamp_s, abscissa_m, pose_, G::Covariance::Zero()});
+  P_ = with_copy(P_, 0, G::Dof, clone_column(clones_.size() - 1));
 }
 
-double RangeBearingFilter::update(std::size_t index, double stamp_s, double range_m, double bearing_rad,
-                                  const Eigen::Matrix2d& noise, double gate, int nis_window) {
-  RangeBearingTrack& track = tracks_[index];
-  const Eigen::Matrix2d Rt = pose_.rotation().transpose();
-  const Eigen::Vector2d y = Rt * (track.position - pose_.translation());
-  const double range = std::max(y.norm(), 1e-3);
-  Eigen::Matrix2d polar;  // d(range, bearing) / d(cartesian)
-  polar.row(0) = y.transpose() / range;
-  polar.row(1) = turned(y).transpose() / (range * range);
-  const Eigen::Vector2d innovation(range_m - range, wrap_angle(bearing_rad - std::atan2(y.y(), y.x())));
+template <class G>
+double RangeBearingFilter<G>::update(std::size_t index, double stamp_s, const Polar& sighting, const PolarNoise& noise,
+                                     double gate, int nis_window) {
+  RangeBearingTrack<G>& track = tracks_[index];
+  const typename G::PointCovariance Rt = pose_.rotation().transpose();
+  const typename G::Point y = Rt * (track.position - pose_.translation());
+  const typename G::PointCovariance polar = polar_jacobian(y);
+  const Polar innovation = polar_difference<G::Dim>(sighting, polar_of(y));
 
-  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(2, P_.rows());
-  H.leftCols<2>() = -polar * Rt;
-  H.middleCols<2>(column(index)) = polar * Rt;
-  const Eigen::Matrix2d S = symmetrised(H * P_ * H.transpose() + noise);
+  Eigen::MatrixXd H = Eigen::MatrixXd::Zero(G::Dim, P_.rows());
+  H.template leftCols<G::Dim>() = -polar * Rt;
+  H.template middleCols<G::Dim>(column(index)) = polar * Rt;
+  const PolarNoise S = symmetrised(H * P_ * H.transpose() + noise);
   const double nis = squared_mahalanobis(innovation, S);
   if (!(nis < gate)) {
     ++track.rejections;
@@ -85,34 +83,44 @@ double RangeBearingFilter::update(std::size_t index, double stamp_s, double rang
   track.nis.push_back(nis);
   if (track.nis.size() > static_cast<std::size_t>(nis_window)) track.nis.erase(track.nis.begin());
   correct(H, innovation, S);
-  const double ray = wrap_angle(pose_.theta() + bearing_rad - track.first_ray);
-  track.ray_low = std::min(track.ray_low, ray);
-  track.ray_high = std::max(track.ray_high, ray);
+  widen_parallax(track, pose_.rotation() * ray_of(sighting));
   return nis;
 }
 
-void RangeBearingFilter::correct(const Eigen::MatrixXd& H, const Eigen::Vector2d& innovation, const Eigen::Matrix2d& S) {
+template <class G>
+void RangeBearingFilter<G>::widen_parallax(RangeBearingTrack<G>& track, const typename G::Point& ray) {
+  const double to_a = angle_between(track.ray_a, ray), to_b = angle_between(track.ray_b, ray);
+  if (std::max(to_a, to_b) <= track.parallax_rad) return;
+  track.parallax_rad = std::max(to_a, to_b);
+  (to_a > to_b ? track.ray_b : track.ray_a) = ray;
+}
+
+template <class G>
+void RangeBearingFilter<G>::correct(const Eigen::MatrixXd& H, const Polar& innovation, const PolarNoise& S) {
   const Eigen::MatrixXd PHt = P_ * H.transpose();
   const Eigen::MatrixXd K = PHt * S.inverse();
   const Eigen::VectorXd d = K * innovation;
   P_ = symmetrised(P_ - K * PHt.transpose());
   // Group retraction: pose <- Exp(d) pose, landmark <- R(d_theta) l + V d_l.
-  pose_ = SE2::Exp(d.head<3>()) * pose_;
+  typename G::Tangent d_landmark = d.template head<G::Dof>();
+  pose_ = G::Exp(d_landmark) * pose_;
   for (std::size_t i = 0; i < tracks_.size(); ++i) {
-    const Eigen::Vector2d dl = d.segment<2>(column(i));
-    tracks_[i].position = SE2::Exp({dl.x(), dl.y(), d[2]}) * tracks_[i].position;
+    d_landmark.template head<G::Dim>() = d.template segment<G::Dim>(column(i));
+    tracks_[i].position = G::Exp(d_landmark) * tracks_[i].position;
   }
   for (std::size_t i = 0; i < clones_.size(); ++i)
-    clones_[i].pose = SE2::Exp(d.segment<3>(clone_column(i))) * clones_[i].pose;
+    clones_[i].pose = G::Exp(d.template segment<G::Dof>(clone_column(i))) * clones_[i].pose;
 }
 
-void RangeBearingFilter::drop(const std::vector<std::size_t>& dropped) {
-  std::vector<RangeBearingTrack> kept_tracks;
-  std::vector<Eigen::Index> kept{0, 1, 2};
+template <class G>
+void RangeBearingFilter<G>::drop(const std::vector<std::size_t>& dropped) {
+  std::vector<RangeBearingTrack<G>> kept_tracks;
+  std::vector<Eigen::Index> kept(G::Dof);
+  std::iota(kept.begin(), kept.end(), Eigen::Index{0});
   for (std::size_t i = 0; i < tracks_.size(); ++i) {
     if (std::find(dropped.begin(), dropped.end(), i) != dropped.end()) continue;
     kept_tracks.push_back(std::move(tracks_[i]));
-    kept.insert(kept.end(), {column(i), column(i) + 1});
+    for (Eigen::Index c = column(i); c < column(i + 1); ++c) kept.push_back(c);
   }
   for (Eigen::Index c = column(tracks_.size()); c < P_.rows(); ++c) kept.push_back(c);
   P_ = Eigen::MatrixXd(P_(kept, kept));
@@ -120,44 +128,53 @@ void RangeBearingFilter::drop(const std::vector<std::size_t>& dropped) {
 }
 
 // Of l' = R^T (l - t): xi_l' = R^T (xi_l - xi_rho).
-Eigen::MatrixXd RangeBearingFilter::relative_covariance(const std::vector<std::size_t>& tracks) const {
-  const auto n = 2 * static_cast<Eigen::Index>(tracks.size());
-  const Eigen::Matrix2d Rt = pose_.rotation().transpose();
+template <class G>
+Eigen::MatrixXd RangeBearingFilter<G>::relative_covariance(const std::vector<std::size_t>& tracks) const {
+  const auto n = G::Dim * static_cast<Eigen::Index>(tracks.size());
+  const typename G::PointCovariance Rt = pose_.rotation().transpose();
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, P_.rows());
   for (std::size_t k = 0; k < tracks.size(); ++k) {
-    A.block<2, 2>(2 * static_cast<Eigen::Index>(k), column(tracks[k])) = Rt;
-    A.block<2, 2>(2 * static_cast<Eigen::Index>(k), 0) = -Rt;
+    const Eigen::Index row = G::Dim * static_cast<Eigen::Index>(k);
+    A.template block<G::Dim, G::Dim>(row, column(tracks[k])) = Rt;
+    A.template block<G::Dim, G::Dim>(row, 0) = -Rt;
   }
   return symmetrised(Eigen::MatrixXd(A * P_ * A.transpose()));
 }
 
 // What is left is expressed relative to the new anchor, l' = R^T (l - t).
-void RangeBearingFilter::rebase() {
-  const Eigen::Matrix2d Rt = pose_.rotation().transpose();
+template <class G>
+void RangeBearingFilter<G>::rebase() {
+  const typename G::PointCovariance Rt = pose_.rotation().transpose();
   clones_.clear();
   const Eigen::Index n = column(tracks_.size());
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(n, n);  // xi_l' = R^T (xi_l - xi_rho); the pose is exact now
   for (std::size_t i = 0; i < tracks_.size(); ++i) {
-    A.block<2, 2>(column(i), column(i)) = Rt;
-    A.block<2, 2>(column(i), 0) = -Rt;
+    A.template block<G::Dim, G::Dim>(column(i), column(i)) = Rt;
+    A.template block<G::Dim, G::Dim>(column(i), 0) = -Rt;
     tracks_[i].position = pose_.inverse() * tracks_[i].position;
-    tracks_[i].first_ray = wrap_angle(tracks_[i].first_ray - pose_.theta());
+    tracks_[i].ray_a = Rt * tracks_[i].ray_a;
+    tracks_[i].ray_b = Rt * tracks_[i].ray_b;
   }
   P_ = symmetrised(Eigen::MatrixXd(A * P_.topLeftCorner(n, n) * A.transpose()));
-  pose_ = SE2();
+  pose_ = G();
 }
 
-std::optional<std::size_t> RangeBearingFilter::find(std::uint64_t id) const {
+template <class G>
+std::optional<std::size_t> RangeBearingFilter<G>::find(std::uint64_t id) const {
   const auto it = std::find_if(tracks_.begin(), tracks_.end(), [&](const auto& t) { return t.id == id; });
   if (it == tracks_.end()) return std::nullopt;
   return static_cast<std::size_t>(it - tracks_.begin());
 }
 
-std::vector<PoseClone> RangeBearingFilter::clones() const {
-  std::vector<PoseClone> clones = clones_;
+template <class G>
+std::vector<PoseClone<G>> RangeBearingFilter<G>::clones() const {
+  std::vector<PoseClone<G>> clones = clones_;
   for (std::size_t i = 0; i < clones.size(); ++i)
-    clones[i].covariance = P_.block<3, 3>(clone_column(i), clone_column(i));
+    clones[i].covariance = P_.template block<G::Dof, G::Dof>(clone_column(i), clone_column(i));
   return clones;
 }
+
+#define CONVOY_INSTANTIATE(G) template class RangeBearingFilter<G>;
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -11,6 +11,12 @@
 
 namespace convoy {
 
+/// use(G()) with the group of a fleet whose dimension is known at run time alone: 2, or else 3.
+template <class Use>
+decltype(auto) with_group(int dimension, const Use& use) {
+  return dimension == 2 ? use(SE2()) : use(SE3());
+}
+
 /// Feeds the coordinates of a group element to a content hash.
 template <class HashLike>
 void add_group(HashLike& hash, const SE2& T) {

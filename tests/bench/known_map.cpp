@@ -24,8 +24,8 @@ constexpr double distance_scale = 0.97, angle_scale = 0.95, sighting_interval_s 
 
 class KnownMapFilter {
  public:
-  KnownMapFilter(const SE2& start, const std::vector<TruthLandmark>& landmarks) : pose_(start) {
-    for (const TruthLandmark& l : landmarks) map_[l.id] = l.p_world_m;
+  KnownMapFilter(const SE2& start, const std::vector<TruthLandmark<SE2>>& landmarks) : pose_(start) {
+    for (const TruthLandmark<SE2>& l : landmarks) map_[l.id] = l.p_world_m;
     P_.diagonal() << 1e-4, 1e-4, 1e-4;
   }
 
@@ -85,7 +85,7 @@ struct Second {
   Eigen::Vector2d estimate, truth;
 };
 
-std::map<int, Second> drive(const VehicleLog& log, const std::vector<TruthLandmark>& landmarks) {
+std::map<int, Second> drive(const VehicleLog<SE2>& log, const std::vector<TruthLandmark<SE2>>& landmarks) {
   std::map<int, Second> seconds;
   std::optional<KnownMapFilter> filter;
   int next = 0;
@@ -108,10 +108,10 @@ std::map<int, Second> drive(const VehicleLog& log, const std::vector<TruthLandma
 
 int main(int argc, char** argv) try {
   if (argc < 2) return std::fprintf(stderr, "usage: convoy_known_map MRCLAM_FOLDER [FROM_S]\n"), 2;
-  const Scenario scenario = load_mrclam(argv[1]);
+  const Scenario<SE2> scenario = load_mrclam(argv[1]);
   const int from_s = argc > 2 ? std::atoi(argv[2]) : 250;
   std::map<VehicleId, std::map<int, Second>> driven;
-  for (const VehicleLog& log : scenario.vehicles) {
+  for (const VehicleLog<SE2>& log : scenario.vehicles) {
     driven[log.id] = drive(log, scenario.landmarks);
     double sum = 0.0;
     for (const auto& [t, s] : driven[log.id]) sum += (s.estimate - s.truth).squaredNorm();

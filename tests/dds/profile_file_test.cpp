@@ -119,7 +119,7 @@ TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {
 }
 
 TEST(ProfileFile, TheLanVehicleIsWholeButForItsAddress) {
-  VehicleConfig vehicle = load_vehicle_config(CONVOY_QOS_PROFILES "/lan_vehicle.xml");
+  VehicleConfig<SE2> vehicle = load_vehicle_config<SE2>(CONVOY_QOS_PROFILES "/lan_vehicle.xml");
   EXPECT_EQ(std::filesystem::path(vehicle.dds.profile_file).filename(), "lan.xml");
   vehicle.dds.domain = config_of_this_test().domain;
   EXPECT_THAT(refusal(vehicle.dds),

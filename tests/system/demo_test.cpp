@@ -66,6 +66,40 @@ TEST(Demo, TwoVehiclesOnTheStreetShareOneConsistentMap) {
     EXPECT_TRUE(fs::exists(scratch / file)) << file;
 }
 
+TEST(Demo, TwoVehiclesOnAStreetInSpaceShareOneConsistentMap) {
+  const ScratchFolder scratch;
+  const Outcome outcome = run_convoy("demo --space --rate 20 --seed 1 --out " + (scratch / "run").string());
+  ASSERT_EQ(outcome.status, 0) << outcome.output;
+  const json metrics = read_json(scratch / "run/metrics.json");
+  expect_whole(metrics);
+  EXPECT_EQ(metrics["dimension"], 3);
+  EXPECT_GT(metrics["associations"]["true"], 50);
+  EXPECT_GT(metrics["pairs"][0]["distance_rmse_raw_m"], 5.0);
+  EXPECT_LT(metrics["pairs"][0]["distance_rmse_settled_m"], 0.15);
+  EXPECT_LT(metrics["pairs"][0]["distance_rmse_corrected_m"], 0.15);
+  EXPECT_LT(metrics["fleet_ate_m"], 0.4);
+  EXPECT_EQ(metrics["vehicles"][0]["map_digest"], metrics["vehicles"][1]["map_digest"]);
+  for (const json& vehicle : metrics["vehicles"]) {
+    EXPECT_EQ(vehicle["integrity"], "OK");
+    EXPECT_GE(vehicle["pose_coverage95"], 0.94);
+    EXPECT_GE(vehicle["trajectory_coverage95"], 0.94);
+    EXPECT_LT(vehicle["peak_rss_mb"], 64.0);
+  }
+  EXPECT_NE(read_text(scratch / "run/report.html").find("<h2>Heights</h2>"), std::string::npos);
+  // Judged again, it is judged alike.
+  const Outcome again = run_convoy("evaluate " + (scratch / "run").string());
+  ASSERT_EQ(again.status, 0) << again.output;
+  EXPECT_EQ(read_json(scratch / "run/metrics.json"), metrics);
+}
+
+TEST(Demo, ASpaceRunIsOfTheStreetAlone) {
+  const ScratchFolder scratch;
+  const Outcome outcome =
+      run_convoy("demo --space --dataset mrclam " + scratch.path().string() + " --out " + (scratch / "run").string());
+  EXPECT_EQ(outcome.status, 2) << outcome.output;
+  EXPECT_NE(outcome.output.find("mrclam was recorded in a plane"), std::string::npos) << outcome.output;
+}
+
 TEST(Demo, LossDuplicatesAndReorderingEndInTheSameMap) {
   const ScratchFolder scratch;
   const Outcome plain = run_convoy("demo --rate 20 --seed 2 --out " + (scratch / "plain").string());

@@ -1,6 +1,7 @@
 #include "consistency/ekf_slam.hpp"
 
 #include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/polar.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -25,35 +26,68 @@ RangeBearingEkfParams front_end_params(const EkfSlamParams& p) {
   f.sigma_heading_per_sqrt_m = p.noise * p.sigma_heading_per_sqrt_m;
   f.sigma_heading_per_sqrt_rad = 0.0;
   f.sigma_range_m = p.noise * p.sigma_range_m;
-  f.sigma_bearing_rad = p.noise * p.sigma_bearing_rad;
+  f.sigma_bearing_rad = f.sigma_elevation_rad = p.noise * p.sigma_bearing_rad;
+  // In space, tilt and height keep their defaults: no noise is drawn for them, the surface turns the vehicle. On the
+  // loop its pitch changes by 0.043 rad RMS over the 25 m of a segment, as much as a walk of 0.0085 rad/sqrt(m) would.
   f.max_remembered = 0;      // the live pose is not judged here
   f.trail_spacing_m = 0.0;   // anchors are
   return f;
 }
 
+// A vehicle on its wheels at `s`: in space along the way, and upright on a surface without banks.
+template <class G>
+G standing_on(Path path, double s) {
+  const G T = pose_on<G>(path, s);
+  if constexpr (G::Dim == 2) {
+    return T;
+  } else {
+    constexpr double h = 0.01;
+    Eigen::Matrix3d R;
+    R.col(0) = (pose_on<G>(path, s + h).translation() - pose_on<G>(path, s - h).translation()).normalized();
+    R.col(1) = Eigen::Vector3d::UnitZ().cross(R.col(0)).normalized();
+    R.col(2) = R.col(0).cross(R.col(1));
+    return G::from_rotation(R, T.translation());
+  }
+}
+
+// What an exact odometer says of a step from s: distance [m] and turn to the left [rad].
+template <class G>
+Eigen::Vector2d true_motion(Path path, double s) {
+  const G T = standing_on<G>(path, s), T_next = standing_on<G>(path, s + step_m);
+  if constexpr (G::Dim == 2) {
+    return {step_m, wrap_angle(T.inverse().theta() + T_next.theta())};
+  } else {
+    const typename G::Tangent moved = (T.inverse() * T_next).Log();
+    return {moved[0], moved[5]};
+  }
+}
+
+template <class G>
 class Driver {
  public:
   Driver(const EkfSlamParams& params, std::uint64_t seed, int run)
-      : p_(params), draw_(seed, static_cast<std::uint32_t>(run), 20),
-        points_(points_along<SE2>(p_.path, p_.landmarks_per_metre, p_.landmark_spacing_m, draw_)) {
+      : p_(params),
+        draw_(seed, static_cast<std::uint32_t>(run), 20),
+        points_(points_along<G>(p_.path, p_.landmarks_per_metre, p_.landmark_spacing_m, draw_)) {
     if (p_.repeat_m > 0.0) repeat();
   }
 
-  SlamRun::Vehicle drive(int v) {
-    SlamRun::Vehicle vehicle;
+  typename SlamRun<G>::Vehicle drive(int v) {
+    typename SlamRun<G>::Vehicle vehicle;
     const double start_m = p_.gap_m * v;
-    vehicle.T_start = pose_on<SE2>(p_.path, start_m);
-    const SE2::Tangent sigma = v == 0 ? SE2::Tangent(0.01, 0.01, 0.001)
-                                      : SE2::Tangent(p_.start_sigma_m, p_.start_sigma_m, p_.start_sigma_rad);
-    vehicle.start = {{chain(static_cast<std::size_t>(v)), 0}, true, SE2(), sigma.cwiseAbs2().asDiagonal()};
-    vehicle.start.mean = vehicle.T_start * SE2::Exp(-sigma.cwiseProduct(draw_.unit_normal<3>()));
-    RangeBearingEkf slam(front_end_params(p_));
+    vehicle.T_start = standing_on<G>(p_.path, start_m);
+    const typename G::Tangent sigma = start_sigma(v);
+    vehicle.start = {{chain(static_cast<std::size_t>(v)), 0}, true, G(), sigma.cwiseAbs2().asDiagonal()};
+    vehicle.start.mean = vehicle.T_start * G::Exp(-sigma.cwiseProduct(draw_.template unit_normal<G::Dof>()));
+    RangeBearingEkf<G> slam(front_end_params(p_));
     const int steps = static_cast<int>(length_m(p_.path) / step_m);
     for (int k = 0; k <= steps; ++k) {
       const double t = k * step_m / speed_mps;
-      slam.on_odometry(t, odometry_speed(), odometry_rate(start_m + k * step_m));
+      const Eigen::Vector2d moved = true_motion<G>(p_.path, start_m + k * step_m);
+      const double rate = odometry_rate(moved[1]);  // drawn first: the order of arguments is the compiler's
+      slam.on_odometry(t, odometry_speed(moved[0]), rate);
       collect(slam, vehicle, start_m);
-      if (k % steps_per_sighting == 0) look(slam, t, pose_on<SE2>(p_.path, start_m + k * step_m));
+      if (k % steps_per_sighting == 0) look(slam, t, standing_on<G>(p_.path, start_m + k * step_m));
       vehicle.states.push_back(slam.state());
     }
     slam.finish();
@@ -62,64 +96,74 @@ class Driver {
   }
 
  private:
+  typename G::Tangent start_sigma(int v) const {
+    typename G::Tangent sigma;
+    sigma.template head<G::Dim>().setConstant(v == 0 ? 0.01 : p_.start_sigma_m);
+    // In space, a vehicle knows where down is.
+    sigma.template tail<G::Dof - G::Dim>().setConstant(v == 0 ? 0.001 : 0.01);
+    if (v > 0) sigma[G::Dof - 1] = p_.start_sigma_rad;
+    return sigma;
+  }
+
   // What stands along the first `repeat_m` of a straight stands along each further such length.
   void repeat() {
-    std::vector<Eigen::Vector2d> pattern;
-    for (const Eigen::Vector2d& p : points_)
+    std::vector<typename G::Point> pattern;
+    for (const auto& p : points_)
       if (p.x() < p_.repeat_m) pattern.push_back(p);
     points_.clear();
     for (double x = 0.0; x < distinct_length_m(p_.path); x += p_.repeat_m)
-      for (const Eigen::Vector2d& p : pattern) points_.emplace_back(p.x() + x, p.y());
+      for (const auto& p : pattern) points_.push_back(p + x * G::Point::Unit(0));
   }
 
-  double odometry_speed() {
+  double odometry_speed(double distance_m) {
     const double sigma = p_.noise * p_.sigma_along_per_sqrt_m * std::sqrt(step_m);
-    return (step_m + sigma * draw_.normal()) / (1.0 + p_.scale_error) * speed_mps / step_m;
+    return (distance_m + sigma * draw_.normal()) / (1.0 + p_.scale_error) * speed_mps / step_m;
   }
-  double odometry_rate(double s) {
+  double odometry_rate(double angle_rad) {
     const double sigma = p_.noise * p_.sigma_heading_per_sqrt_m * std::sqrt(step_m);
-    const double angle = pose_on<SE2>(p_.path, s).inverse().theta() + pose_on<SE2>(p_.path, s + step_m).theta();
-    return (wrap_angle(angle) + sigma * draw_.normal() + p_.gyro_bias_rad_per_m * step_m) * speed_mps / step_m;
+    return (angle_rad + sigma * draw_.normal() + p_.gyro_bias_rad_per_m * step_m) * speed_mps / step_m;
   }
 
-  void look(RangeBearingEkf& slam, double t, const SE2& T) {
+  void look(RangeBearingEkf<G>& slam, double t, const G& T) {
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      const Eigen::Vector2d y = T.inverse() * points_[i];
-      const double range = y.norm(), bearing = std::atan2(y.y(), y.x());
-      if (range > sight_m || std::abs(bearing) > 0.5 * field_of_view_rad) continue;
-      double seen_range = range + p_.noise * p_.sigma_range_m * draw_.normal();
-      double seen_bearing = wrap_angle(bearing + p_.noise * p_.sigma_bearing_rad * draw_.normal());
+      const typename G::Point polar = polar_of(typename G::Point(T.inverse() * points_[i]));
+      if (polar[0] > sight_m || std::abs(polar[1]) > 0.5 * field_of_view_rad) continue;
+      typename G::Point seen = polar;
+      seen[0] += p_.noise * p_.sigma_range_m * draw_.normal();
+      seen[1] = wrap_angle(polar[1] + p_.noise * p_.sigma_bearing_rad * draw_.normal());
+      if constexpr (G::Dim == 3) seen[2] += p_.noise * p_.sigma_bearing_rad * draw_.normal();
       if (p_.outliers > 0.0 && draw_.uniform() < p_.outliers) {
-        seen_range = draw_.uniform(1.0, sight_m);
-        seen_bearing = draw_.uniform(-0.5, 0.5) * field_of_view_rad;
+        seen[0] = draw_.uniform(1.0, sight_m);
+        seen[1] = draw_.uniform(-0.5, 0.5) * field_of_view_rad;
       }
-      slam.on_sighting(t, i, seen_range, seen_bearing);
+      slam.on_sighting(t, i, seen);
     }
   }
 
-  void collect(RangeBearingEkf& slam, SlamRun::Vehicle& vehicle, double start_m) {
-    for (Segment<SE2>& segment : slam.take_segments()) {
-      vehicle.truth.push_back(pose_on<SE2>(p_.path, start_m + speed_mps * segment.closing.stamp_s));
+  void collect(RangeBearingEkf<G>& slam, typename SlamRun<G>::Vehicle& vehicle, double start_m) {
+    for (Segment<G>& segment : slam.take_segments()) {
+      vehicle.truth.push_back(standing_on<G>(p_.path, start_m + speed_mps * segment.closing.stamp_s));
       vehicle.segments.emplace_back(vehicle.states.size(), std::move(segment));
     }
   }
 
   const EkfSlamParams& p_;
   Draw draw_;
-  std::vector<Eigen::Vector2d> points_;
+  std::vector<typename G::Point> points_;
 };
 
 // The facts of a run under one drift model, as the components make them.
+template <class G>
 class FactMaker {
  public:
-  FactMaker(const SlamRun& run, const EkfSlamParams& params, const DriftParams<SE2>& drift, Draw lottery)
+  FactMaker(const SlamRun<G>& run, const EkfSlamParams& params, const DriftParams<G>& drift, Draw lottery)
       : params_(params), drift_params_(drift), lottery_(std::move(lottery)) {
     for (std::size_t v = 0; v < run.vehicles.size(); ++v) add_chain(v, run.vehicles[v]);
     associate_all();
   }
 
-  FactStore<SE2> store;
-  std::vector<TrueTrack<SE2>> tracks;
+  FactStore<G> store;
+  std::vector<TrueTrack<G>> tracks;
   std::map<Key, std::uint64_t> thing_of;  // landmark -> what it truly is
   std::vector<Hash> true_sets, false_sets;
 
@@ -129,28 +173,28 @@ class FactMaker {
     if (store.insert(fact) != Insertion::inserted) throw std::logic_error("consistency: a simulated fact was refused");
   }
 
-  void add_chain(std::size_t v, const SlamRun::Vehicle& vehicle) {
+  void add_chain(std::size_t v, const typename SlamRun<G>::Vehicle& vehicle) {
     insert(vehicle.start);
-    insert(AnchorFact<SE2>{{chain(v), 0}, {}});
+    insert(AnchorFact<G>{{chain(v), 0}, {}});
     tracks.push_back({chain(v), vehicle.start, {}});
-    DriftAccumulator<SE2> drift(drift_params_);
+    DriftAccumulator<G> drift(drift_params_);
     std::size_t state = 0;
     std::uint32_t next_landmark = 0, next_anchor = 1;
     for (std::size_t k = 0; k < vehicle.segments.size(); ++k) {
       const auto& [first_state, segment] = vehicle.segments[k];
       for (; state < first_state; ++state) advance(drift, vehicle.states[state]);
-      AnchorFact<SE2> anchor{{chain(v), next_anchor++}, advance(drift, segment.closing)};
+      AnchorFact<G> anchor{{chain(v), next_anchor++}, advance(drift, segment.closing)};
       anchor.first_landmark = next_landmark;
       anchor.landmark_count = static_cast<std::uint32_t>(segment.landmarks.size());
       tracks.back().steps.push_back({anchor.state, vehicle.truth[k]});
       if (arrives()) insert(anchor);
       const bool batch_arrives = arrives();
-      for (const FrozenLandmark<SE2>& frozen : segment.landmarks) {
-        LandmarkFact<SE2> l;
+      for (const FrozenLandmark<G>& frozen : segment.landmarks) {
+        LandmarkFact<G> l;
         l.key = {chain(v), next_landmark++};
         l.anchor = anchor.key.index;
         l.position = frozen.position;
-        l.covariance = symmetrised(SE2::PointCovariance(drift_params_.landmark_inflation * frozen.covariance));
+        l.covariance = symmetrised(typename G::PointCovariance(drift_params_.landmark_inflation * frozen.covariance));
         l.loading = std::sqrt(drift_params_.landmark_inflation) * frozen.loading;
         thing_of[l.key] = frozen.track;
         if (batch_arrives) insert(l);
@@ -158,7 +202,7 @@ class FactMaker {
     }
   }
 
-  static ChainState<SE2> advance(DriftAccumulator<SE2>& drift, const FrontEndState<SE2>& s) {
+  static ChainState<G> advance(DriftAccumulator<G>& drift, const FrontEndState<G>& s) {
     return drift.advance(s.stamp_s, s.abscissa_m, s.pose, s.slam_drift);
   }
 
@@ -185,43 +229,47 @@ class FactMaker {
   }
 
   // Spares a search whose unary constraint leaves nothing: beyond eight standard deviations of a batch's reach.
-  static bool far_apart(const RelativePrior<SE2>& prior) {
-    const double sigma = std::sqrt(prior.covariance.topLeftCorner<2, 2>().trace() +
-                                   prior.covariance(2, 2) * sight_m * sight_m);
+  static bool far_apart(const RelativePrior<G>& prior) {
+    const auto variance = prior.covariance.diagonal();
+    const double sigma = std::sqrt(variance.template head<G::Dim>().sum() +
+                                   variance.template tail<G::Dof - G::Dim>().sum() * sight_m * sight_m);
     return prior.mean.translation().norm() > 2.5 * sight_m + 8.0 * sigma;
   }
 
   const EkfSlamParams& params_;
-  DriftParams<SE2> drift_params_;
+  DriftParams<G> drift_params_;
   Draw lottery_;
 };
 
 }  // namespace
 
-SlamRun drive_ekf_slam(const EkfSlamParams& params, std::uint64_t seed, int run) {
-  Driver driver(params, seed, run);
-  SlamRun result;
+template <class G>
+SlamRun<G> drive_ekf_slam(const EkfSlamParams& params, std::uint64_t seed, int run) {
+  Driver<G> driver(params, seed, run);
+  SlamRun<G> result;
   for (int v = 0; v < params.vehicles; ++v) result.vehicles.push_back(driver.drive(v));
   return result;
 }
 
-std::vector<TrueTrack<SE2>> raw_tracks(const SlamRun& run) {
-  std::vector<TrueTrack<SE2>> tracks;
+template <class G>
+std::vector<TrueTrack<G>> raw_tracks(const SlamRun<G>& run) {
+  std::vector<TrueTrack<G>> tracks;
   for (std::size_t v = 0; v < run.vehicles.size(); ++v) {
-    const SlamRun::Vehicle& vehicle = run.vehicles[v];
+    const typename SlamRun<G>::Vehicle& vehicle = run.vehicles[v];
     tracks.push_back({chain(v), vehicle.start, {}});
     for (std::size_t k = 0; k < vehicle.segments.size(); ++k) {
-      const FrontEndState<SE2>& s = vehicle.segments[k].second.closing;
+      const FrontEndState<G>& s = vehicle.segments[k].second.closing;
       tracks.back().steps.push_back({{s.stamp_s, s.abscissa_m, s.pose, s.slam_drift}, vehicle.truth[k]});
     }
   }
   return tracks;
 }
 
-RunSample judge_ekf_slam(const SlamRun& run, const EkfSlamParams& params, const DriftParams<SE2>& drift,
-                         const Backend<SE2>& backend, std::uint64_t seed, int index) {
-  const FactMaker facts(run, params, drift, Draw(seed, static_cast<std::uint32_t>(index), 21));
-  const GlobalMap<SE2> built = build_global_map(facts.store, SelectionParams{}, backend);
+template <class G>
+RunSample judge_ekf_slam(const SlamRun<G>& run, const EkfSlamParams& params, const DriftParams<G>& drift,
+                         const Backend<G>& backend, std::uint64_t seed, int index) {
+  const FactMaker<G> facts(run, params, drift, Draw(seed, static_cast<std::uint32_t>(index), 21));
+  const GlobalMap<G> built = build_global_map(facts.store, SelectionParams{}, backend);
   RunSample sample = judge(*built.map, facts.tracks);
   for (const auto& members : built.selection.classes)
     sample.false_fusions += std::any_of(members.begin(), members.end(), [&](const Key& key) {
@@ -241,5 +289,12 @@ RunSample judge_ekf_slam(const SlamRun& run, const EkfSlamParams& params, const 
   for (const Hash id : facts.true_sets) sample.true_dropped += accepted.count(id) ? 0 : 1;
   return sample;
 }
+
+#define CONVOY_INSTANTIATE(G)                                                                                          \
+  template SlamRun<G> drive_ekf_slam(const EkfSlamParams&, std::uint64_t, int);                                        \
+  template std::vector<TrueTrack<G>> raw_tracks(const SlamRun<G>&);                                                    \
+  template RunSample judge_ekf_slam(const SlamRun<G>&, const EkfSlamParams&, const DriftParams<G>&, const Backend<G>&, \
+                                    std::uint64_t, int);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli::consistency

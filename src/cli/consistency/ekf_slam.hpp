@@ -1,5 +1,5 @@
-// Sensors simulated, everything behind them real: RangeBearingEkf, drift model, facts, associate(), global map. Planar, as the
-// front end is.
+// Sensors simulated, everything behind them real: RangeBearingEkf, drift model, facts, associate(), global map. In the
+// plane and in space, where the vehicle stands on a surface that nothing measures: its odometer is that of the plane.
 #pragma once
 
 #include <convoy/association/associate.hpp>
@@ -24,7 +24,7 @@ struct EkfSlamParams {
   double sigma_along_per_sqrt_m = 0.05;
   double sigma_heading_per_sqrt_m = 0.004;  ///< 0.23 deg over a metre
   double sigma_range_m = 0.3;
-  double sigma_bearing_rad = 0.0087;        ///< 0.5 deg
+  double sigma_bearing_rad = 0.0087;  ///< 0.5 deg; in space of the elevation, too
   // Violations: the front end is not told.
   double scale_error = 0.0;           ///< true distance per metre of odometry, minus 1
   double gyro_bias_rad_per_m = 0.0;
@@ -37,25 +37,29 @@ struct EkfSlamParams {
 };
 
 /// What the vehicles' own SLAMs said in one run, and the truth.
+template <class G>
 struct SlamRun {
   struct Vehicle {
-    std::vector<FrontEndState<SE2>> states;  ///< as the filter said them while driving
-    std::vector<std::pair<std::size_t, Segment<SE2>>> segments;  ///< each closed before states[first]
-    std::vector<SE2> truth;                  ///< at the closing of each segment
-    SE2 T_start;
-    PriorFact<SE2> start;
+    std::vector<FrontEndState<G>> states;                      ///< as the filter said them while driving
+    std::vector<std::pair<std::size_t, Segment<G>>> segments;  ///< each closed before states[first]
+    std::vector<G> truth;                                      ///< at the closing of each segment
+    G T_start;
+    PriorFact<G> start;
   };
   std::vector<Vehicle> vehicles;
 };
 
-SlamRun drive_ekf_slam(const EkfSlamParams& params, std::uint64_t seed, int run);
+template <class G>
+SlamRun<G> drive_ekf_slam(const EkfSlamParams& params, std::uint64_t seed, int run);
 
 /// The vehicles' anchors with the SLAM's own covariance and nothing else: the raw SLAM.
-std::vector<TrueTrack<SE2>> raw_tracks(const SlamRun& run);
+template <class G>
+std::vector<TrueTrack<G>> raw_tracks(const SlamRun<G>& run);
 
 /// The facts that the run amounts to under `drift`; every pair of batches through associate(); the global map of `backend`.
 /// Of the facts, the share `params.loss` is not there.
-RunSample judge_ekf_slam(const SlamRun& run, const EkfSlamParams& params, const DriftParams<SE2>& drift,
-                         const Backend<SE2>& backend, std::uint64_t seed, int index);
+template <class G>
+RunSample judge_ekf_slam(const SlamRun<G>& run, const EkfSlamParams& params, const DriftParams<G>& drift,
+                         const Backend<G>& backend, std::uint64_t seed, int index);
 
 }  // namespace convoy::cli::consistency

@@ -176,9 +176,10 @@ std::string consistency_page(const ConsistencyResult& result) {
     html += scenario_section(std::to_string(rows.front()->dim) + "-D, " + rows.front()->simulator + ": " + rows.front()->scenario, rows);
   }
   html += real_drift_section(result.real_drift);
-  html += "<section><h2>Every row</h2>\n<p>The front end that filters ranges and bearings is planar, so EKF-SLAM has rows in the "
-          "plane only. The EKF map takes landmarks of a batch as independent.</p>\n" +
-          row_table(result) + "</section>\n</body>\n</html>\n";
+  html +=
+      "<section><h2>Every row</h2>\n<p>EKF-SLAM has its baselines in the plane; in space, what ships and the raw SLAM. "
+      "The EKF map takes landmarks of a batch as independent.</p>\n" +
+      row_table(result) + "</section>\n</body>\n</html>\n";
   return html;
 }
 

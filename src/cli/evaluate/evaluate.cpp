@@ -18,7 +18,8 @@ constexpr double settling_s = 10.0;        // distance_rmse_settled_m begins thi
 
 json or_null(const std::optional<double>& value) { return value && std::isfinite(*value) ? json(*value) : json(); }
 
-json from_summary(const VehicleRecord& vehicle, const char* key) {
+template <class G>
+json from_summary(const VehicleRecord<G>& vehicle, const char* key) {
   if (!vehicle.summary.is_object() || !vehicle.summary.contains(key)) return nullptr;
   return vehicle.summary.at(key);
 }
@@ -42,14 +43,15 @@ class RootMeanSquare {
 };
 
 /// NEES of a set of poses. Poses without a usable covariance are counted apart.
+template <class G>
 struct Consistency {
   double sum = 0.0;
   std::size_t count = 0, covered = 0, without_covariance = 0;
   std::vector<TimedValue> series;
 
-  void add(double t_s, const PoseEstimate& estimate, const SE2& T_common_true) {
-    static const double bound = chi2_quantile(0.95, 3.0);
-    const SE2::Tangent r = (estimate.T.inverse() * T_common_true).Log();
+  void add(double t_s, const PoseEstimate<G>& estimate, const G& T_common_true) {
+    static const double bound = chi2_quantile(0.95, G::Dof);
+    const typename G::Tangent r = (estimate.T.inverse() * T_common_true).Log();
     const double nees = squared_mahalanobis(r, estimate.P);
     if (!std::isfinite(nees)) {
       ++without_covariance;
@@ -66,31 +68,33 @@ struct Consistency {
     covered += other.covered;
     without_covariance += other.without_covariance;
   }
-  json anees() const { return count == 0 ? json() : json(sum / (3.0 * static_cast<double>(count))); }
+  json anees() const { return count == 0 ? json() : json(sum / (G::Dof * static_cast<double>(count))); }
   json coverage95() const {
     return count == 0 ? json() : json(static_cast<double>(covered) / static_cast<double>(count));
   }
 };
 
 /// A way to express the truth in the common frame.
+template <class G>
 struct Gauge {
   const char* name;
-  std::optional<SE2> T_world_common;
+  std::optional<G> T_world_common;
   const std::map<VehicleId, TruthMount>* mounts = nullptr;  ///< if set, taken off the truth
 };
 
 /// Judges what a vehicle said of itself in a gauge; what it said of its peers is skipped.
-Consistency judge(const VehicleRecord& vehicle, const std::vector<PoseRow>& rows, const Gauge& gauge) {
-  Consistency result;
+template <class G>
+Consistency<G> judge(const VehicleRecord<G>& vehicle, const std::vector<PoseRow<G>>& rows, const Gauge<G>& gauge) {
+  Consistency<G> result;
   if (!gauge.T_world_common) return result;
-  SE2 T_truth_body;
+  G T_truth_body;
   if (gauge.mounts) {
     const auto mount = gauge.mounts->find(vehicle.id);
     if (mount == gauge.mounts->end()) return result;
-    T_truth_body = mount->second.T_body_truth().inverse();
+    if constexpr (G::Dim == 2) T_truth_body = mount->second.T_body_truth().inverse();
   }
-  const SE2 T_common_world = gauge.T_world_common->inverse();
-  for (const PoseRow& row : rows) {
+  const G T_common_world = gauge.T_world_common->inverse();
+  for (const PoseRow<G>& row : rows) {
     if (row.vehicle != vehicle.id || !row.common) continue;
     if (const auto T_world_truth = truth_at(vehicle.truth, row.t_s))
       result.add(row.t_s, *row.common, T_common_world * *T_world_truth * T_truth_body);
@@ -98,24 +102,27 @@ Consistency judge(const VehicleRecord& vehicle, const std::vector<PoseRow>& rows
   return result;
 }
 
-std::optional<SE2> gauge_at_start(const RunRecord& run) {
-  const VehicleRecord* vehicle = run.find(run.common_frame_vehicle);
+template <class G>
+std::optional<G> gauge_at_start(const RunRecord<G>& run) {
+  const VehicleRecord<G>* vehicle = run.find(run.common_frame_vehicle);
   const auto first = run.first_event_s.find(run.common_frame_vehicle);
   if (!vehicle || first == run.first_event_s.end()) return std::nullopt;
   return truth_at(vehicle->truth, first->second);
 }
 
+template <class G>
 struct FleetFit {
-  std::optional<RigidFit> fit;
+  std::optional<RigidFit<G>> fit;
   std::map<VehicleId, double> ate_m;
 };
 
 /// One rigid motion for the corrected trajectories of the whole fleet, and what is left of the position error.
-FleetFit fit_fleet(const RunRecord& run) {
-  std::vector<Eigen::Vector2d> estimated, truth;
+template <class G>
+FleetFit<G> fit_fleet(const RunRecord<G>& run) {
+  std::vector<typename G::Point> estimated, truth;
   std::vector<VehicleId> owner;
-  for (const VehicleRecord& vehicle : run.vehicles)
-    for (const PoseRow& row : vehicle.trajectory) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
+    for (const PoseRow<G>& row : vehicle.trajectory) {
       if (!row.common) continue;
       const auto T_world_body = truth_at(vehicle.truth, row.t_s);
       if (!T_world_body) continue;
@@ -123,7 +130,7 @@ FleetFit fit_fleet(const RunRecord& run) {
       truth.push_back(T_world_body->translation());
       owner.push_back(vehicle.id);
     }
-  FleetFit result{fit_rigid(estimated, truth), {}};
+  FleetFit<G> result{fit_rigid<G>(estimated, truth), {}};
   if (!result.fit) return result;
   std::map<VehicleId, RootMeanSquare> errors;
   for (std::size_t i = 0; i < owner.size(); ++i)
@@ -133,24 +140,25 @@ FleetFit fit_fleet(const RunRecord& run) {
 }
 
 /// The landmarks of the map, by the labels of their authors, fitted rigidly to the true ones.
-std::optional<RigidFit> fit_landmarks(const RunRecord& run) {
-  const VehicleRecord* judge_of = run.first_survivor();
+template <class G>
+std::optional<RigidFit<G>> fit_landmarks(const RunRecord<G>& run) {
+  const VehicleRecord<G>* judge_of = run.first_survivor();
   if (!judge_of) return std::nullopt;
-  std::map<std::uint32_t, Eigen::Vector2d> truth_of;
-  for (const TruthLandmark& landmark : run.landmarks) truth_of[landmark.id] = landmark.p_world_m;
+  std::map<std::uint32_t, typename G::Point> truth_of;
+  for (const TruthLandmark<G>& landmark : run.landmarks) truth_of[landmark.id] = landmark.p_world_m;
   std::set<ChainId> aligned;
   for (const MapChain& chain : judge_of->map->chains)
     if (chain.aligned) aligned.insert(chain.chain);
-  std::vector<Eigen::Vector2d> estimated, truth;
-  for (const MapLandmark& landmark : judge_of->map->landmarks) {
-    const VehicleRecord* author = run.find(landmark.key.chain.vehicle);
+  std::vector<typename G::Point> estimated, truth;
+  for (const MapLandmark<G>& landmark : judge_of->map->landmarks) {
+    const VehicleRecord<G>* author = run.find(landmark.key.chain.vehicle);
     if (!author || !landmark.p_common_m || !aligned.contains(landmark.key.chain)) continue;
     const auto track = author->track_of_landmark.find({landmark.key.chain.epoch, landmark.key.index});
     if (track == author->track_of_landmark.end() || !truth_of.contains(track->second)) continue;
     estimated.push_back(*landmark.p_common_m);
     truth.push_back(truth_of.at(track->second));
   }
-  return fit_rigid(estimated, truth);
+  return fit_rigid<G>(estimated, truth);
 }
 
 /// The cumulative counter at whole seconds, by linear interpolation; a process that started again counts on.
@@ -182,31 +190,37 @@ std::vector<TimedValue> bytes_by_second(const std::vector<TrafficRow>& traffic) 
 
 // ---- pairs ----
 
-const PoseRow* nearest(const std::vector<const PoseRow*>& rows, double t_s) {
+template <class G>
+const PoseRow<G>* nearest(const std::vector<const PoseRow<G>*>& rows, double t_s) {
   auto after =
-      std::lower_bound(rows.begin(), rows.end(), t_s, [](const PoseRow* row, double t) { return row->t_s < t; });
-  const PoseRow* best = nullptr;
+      std::lower_bound(rows.begin(), rows.end(), t_s, [](const PoseRow<G>* row, double t) { return row->t_s < t; });
+  const PoseRow<G>* best = nullptr;
   if (after != rows.end()) best = *after;
   if (after != rows.begin() && (!best || t_s - (*std::prev(after))->t_s <= best->t_s - t_s)) best = *std::prev(after);
   return best && std::abs(best->t_s - t_s) <= stamp_tolerance_s ? best : nullptr;
 }
 
-std::vector<const PoseRow*> rows_of(const VehicleRecord& viewer, VehicleId id) {
-  std::vector<const PoseRow*> rows;
-  for (const PoseRow& row : viewer.live)
+template <class G>
+std::vector<const PoseRow<G>*> rows_of(const VehicleRecord<G>& viewer, VehicleId id) {
+  std::vector<const PoseRow<G>*> rows;
+  for (const PoseRow<G>& row : viewer.live)
     if (row.vehicle == id) rows.push_back(&row);
   std::stable_sort(rows.begin(), rows.end(), [](const auto* a, const auto* b) { return a->t_s < b->t_s; });
   return rows;
 }
 
-double between(const SE2& a, const SE2& b) { return (a.translation() - b.translation()).norm(); }
+template <class G>
+double between(const G& a, const G& b) {
+  return (a.translation() - b.translation()).norm();
+}
 
 /// The distance between `viewer` and `other`, second by second, as the viewer saw it; what it did not see is counted.
-PairSeries distances(const VehicleRecord& viewer, const VehicleRecord& other) {
+template <class G>
+PairSeries distances(const VehicleRecord<G>& viewer, const VehicleRecord<G>& other) {
   const auto own_rows = rows_of(viewer, viewer.id), other_rows = rows_of(viewer, other.id);
   PairSeries series;
-  for (const PoseRow* own : own_rows) {
-    const PoseRow* peer = nearest(other_rows, own->t_s);
+  for (const PoseRow<G>* own : own_rows) {
+    const PoseRow<G>* peer = nearest(other_rows, own->t_s);
     if (!peer || !own->slam || !peer->slam) {
       ++series.without_peer;
       continue;
@@ -225,19 +239,21 @@ PairSeries distances(const VehicleRecord& viewer, const VehicleRecord& other) {
 
 /// The corrected pose at t, between the two neighbouring rows. Empty outside of the trajectory, and where a neighbour
 /// is not aligned.
-std::optional<SE2> corrected_at(const std::vector<PoseRow>& trajectory, double t_s) {
+template <class G>
+std::optional<G> corrected_at(const std::vector<PoseRow<G>>& trajectory, double t_s) {
   const auto after = std::lower_bound(trajectory.begin(), trajectory.end(), t_s,
-                                      [](const PoseRow& row, double t) { return row.t_s < t; });
+                                      [](const PoseRow<G>& row, double t) { return row.t_s < t; });
   if (after == trajectory.end() || !after->common) return std::nullopt;
   if (after->t_s == t_s) return after->common->T;
   if (after == trajectory.begin() || !std::prev(after)->common) return std::nullopt;
-  const PoseRow& before = *std::prev(after);
+  const PoseRow<G>& before = *std::prev(after);
   return interpolated(before.common->T, after->common->T, (t_s - before.t_s) / (after->t_s - before.t_s));
 }
 
 /// What the distance is off by at each row of `own`, the other vehicle's pose taken at the same moment.
-void add_corrected_errors(const VehicleRecord& own, const VehicleRecord& other, RootMeanSquare& errors) {
-  for (const PoseRow& row : own.trajectory) {
+template <class G>
+void add_corrected_errors(const VehicleRecord<G>& own, const VehicleRecord<G>& other, RootMeanSquare& errors) {
+  for (const PoseRow<G>& row : own.trajectory) {
     if (!row.common) continue;
     const auto peer = corrected_at(other.trajectory, row.t_s);
     const auto own_truth = truth_at(own.truth, row.t_s), peer_truth = truth_at(other.truth, row.t_s);
@@ -245,7 +261,8 @@ void add_corrected_errors(const VehicleRecord& own, const VehicleRecord& other, 
   }
 }
 
-std::vector<const MapAssociation*> accepted_by_time(const MapRecord& map) {
+template <class G>
+std::vector<const MapAssociation*> accepted_by_time(const MapRecord<G>& map) {
   std::vector<const MapAssociation*> accepted;
   for (const MapAssociation& association : map.associations)
     if (association.accepted) accepted.push_back(&association);
@@ -260,7 +277,8 @@ bool links(const MapAssociation& association, VehicleId a, VehicleId b) {
   });
 }
 
-std::optional<double> first_direct_association(const MapRecord& map, VehicleId a, VehicleId b) {
+template <class G>
+std::optional<double> first_direct_association(const MapRecord<G>& map, VehicleId a, VehicleId b) {
   for (const MapAssociation* association : accepted_by_time(map))
     if (links(*association, a, b)) return association->t_s;
   return std::nullopt;
@@ -268,7 +286,8 @@ std::optional<double> first_direct_association(const MapRecord& map, VehicleId a
 
 /// When a and b are first linked, be it through other vehicles. `confirmed`: accepted hypotheses that it takes between two
 /// vehicles.
-std::optional<double> linked_s(const MapRecord& map, VehicleId a, VehicleId b, int confirmed) {
+template <class G>
+std::optional<double> linked_s(const MapRecord<G>& map, VehicleId a, VehicleId b, int confirmed) {
   std::map<VehicleId, VehicleId> group;  // vehicle -> name of its group
   std::map<std::pair<VehicleId, VehicleId>, int> count;
   const auto group_of = [&group](VehicleId id) { return group.emplace(id, id).first->second; };
@@ -286,13 +305,15 @@ std::optional<double> linked_s(const MapRecord& map, VehicleId a, VehicleId b, i
 }
 
 /// A first hypothesis waits for a second one, unless the starts are known well (SelectionParams::min_confirmed).
-std::optional<double> first_association(const MapRecord& map, VehicleId a, VehicleId b) {
+template <class G>
+std::optional<double> first_association(const MapRecord<G>& map, VehicleId a, VehicleId b) {
   const auto confirmed = linked_s(map, a, b, 2);
   return confirmed ? confirmed : linked_s(map, a, b, 1);
 }
 
-json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecord& b, PairSeries& series) {
-  const VehicleRecord* survivor = run.first_survivor();
+template <class G>
+json judge_pair(const RunRecord<G>& run, const VehicleRecord<G>& a, const VehicleRecord<G>& b, PairSeries& series) {
+  const VehicleRecord<G>* survivor = run.first_survivor();
   if (survivor) series.first_association_s = first_association(*survivor->map, a.id, b.id);
   RootMeanSquare raw, raw_after, convoy, convoy_settled, corrected;
   std::optional<double> final_error;
@@ -333,9 +354,10 @@ json judge_pair(const RunRecord& run, const VehicleRecord& a, const VehicleRecor
 
 enum class Verdict { right, wrong, unknown };
 
-Verdict verdict_of(const RunRecord& run, const Pairing& pairing) {
+template <class G>
+Verdict verdict_of(const RunRecord<G>& run, const Pairing& pairing) {
   const auto track_of = [&run](const Key& key) -> std::optional<std::uint32_t> {
-    const VehicleRecord* author = run.find(key.chain.vehicle);
+    const VehicleRecord<G>* author = run.find(key.chain.vehicle);
     if (!author) return std::nullopt;
     const auto it = author->track_of_landmark.find({key.chain.epoch, key.index});
     return it == author->track_of_landmark.end() ? std::nullopt : std::optional(it->second);
@@ -345,8 +367,9 @@ Verdict verdict_of(const RunRecord& run, const Pairing& pairing) {
   return *first == *second ? Verdict::right : Verdict::wrong;
 }
 
-json judge_associations(const RunRecord& run) {
-  const VehicleRecord* survivor = run.first_survivor();
+template <class G>
+json judge_associations(const RunRecord<G>& run) {
+  const VehicleRecord<G>* survivor = run.first_survivor();
   if (!survivor) return {{"accepted", nullptr}, {"true", nullptr}, {"false", nullptr}};
   std::set<Pairing> seen;
   int count[3] = {0, 0, 0}, within[3] = {0, 0, 0}, hypotheses = 0, hypotheses_false = 0;
@@ -377,9 +400,10 @@ json judge_associations(const RunRecord& run) {
 
 // ---- the fleet as a whole ----
 
-json map_digests_equal(const RunRecord& run) {
+template <class G>
+json map_digests_equal(const RunRecord<G>& run) {
   std::set<std::string> digests;
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     if (vehicle.lost) continue;
     const json digest = from_summary(vehicle, "map_digest");
     if (!digest.is_string()) return nullptr;
@@ -388,9 +412,10 @@ json map_digests_equal(const RunRecord& run) {
   return digests.empty() ? json() : json(digests.size() == 1);
 }
 
-json facts_lost(const RunRecord& run) {
+template <class G>
+json facts_lost(const RunRecord<G>& run) {
   json sum;
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     if (vehicle.lost) continue;
     const json missing = from_summary(vehicle, "facts_missing");
     if (!missing.is_number()) return nullptr;
@@ -400,8 +425,9 @@ json facts_lost(const RunRecord& run) {
 }
 
 /// True if accepted pairings between vehicles link every vehicle with every other, be it through a third.
-json all_linked(const RunRecord& run) {
-  const VehicleRecord* survivor = run.first_survivor();
+template <class G>
+json all_linked(const RunRecord<G>& run) {
+  const VehicleRecord<G>* survivor = run.first_survivor();
   if (!survivor) return nullptr;
   std::map<VehicleId, VehicleId> group;  // vehicle -> name of its group
   const auto group_of = [&group](VehicleId id) { return group.emplace(id, id).first->second; };
@@ -416,8 +442,9 @@ json all_linked(const RunRecord& run) {
 }
 
 /// True if the final map has every vehicle's chains in the common frame, be it by their static biases alone.
-json all_in_common_frame(const RunRecord& run) {
-  const VehicleRecord* survivor = run.first_survivor();
+template <class G>
+json all_in_common_frame(const RunRecord<G>& run) {
+  const VehicleRecord<G>* survivor = run.first_survivor();
   if (!survivor) return nullptr;
   std::set<VehicleId> aligned;
   for (const MapChain& chain : survivor->map->chains) {
@@ -428,7 +455,8 @@ json all_in_common_frame(const RunRecord& run) {
 }
 
 /// One map, shared: equal on every vehicle, all in its frame, and linked by landmarks that were found to be the same.
-json all_aligned(const RunRecord& run) {
+template <class G>
+json all_aligned(const RunRecord<G>& run) {
   const json parts[] = {all_in_common_frame(run), all_linked(run), map_digests_equal(run)};
   for (const json& part : parts)
     if (part == json(false)) return false;
@@ -437,9 +465,13 @@ json all_aligned(const RunRecord& run) {
   return true;
 }
 
-json info_or_null(const RunRecord& run, const char* key) { return run.info.contains(key) ? run.info.at(key) : json(); }
+template <class G>
+json info_or_null(const RunRecord<G>& run, const char* key) {
+  return run.info.contains(key) ? run.info.at(key) : json();
+}
 
-json real_time_factor(const RunRecord& run) {
+template <class G>
+json real_time_factor(const RunRecord<G>& run) {
   const json wall = info_or_null(run, "wall_s"), vehicle = info_or_null(run, "vehicle_s");
   if (!wall.is_number() || !vehicle.is_number() || wall.get<double>() <= 0.0) return nullptr;
   return vehicle.get<double>() / wall.get<double>();
@@ -457,33 +489,35 @@ json rates(const std::vector<TimedValue>& by_second, double last_t_s) {
 
 }  // namespace
 
-Evaluation evaluate(const RunRecord& run) {
-  Evaluation result;
-  const FleetFit fleet = fit_fleet(run);
-  const std::optional<RigidFit> landmark_fit = fit_landmarks(run);
+template <class G>
+Evaluation<G> evaluate(const RunRecord<G>& run) {
+  Evaluation<G> result;
+  const FleetFit<G> fleet = fit_fleet(run);
+  const std::optional<RigidFit<G>> landmark_fit = fit_landmarks(run);
   std::map<VehicleId, TruthMount> mounts;
-  for (const VehicleRecord& vehicle : run.vehicles)
-    if (const auto mount = find_truth_mount(vehicle.truth)) mounts[vehicle.id] = *mount;
+  if constexpr (G::Dim == 2)
+    for (const VehicleRecord<G>& vehicle : run.vehicles)
+      if (const auto mount = find_truth_mount(vehicle.truth)) mounts[vehicle.id] = *mount;
 
-  const std::optional<SE2> fitted = fleet.fit ? std::optional(fleet.fit->T_to_from) : std::nullopt;
-  const Gauge gauges[] = {{"start", gauge_at_start(run)}, {"fit", fitted}, {"mounted", fitted, &mounts}};
-  const Gauge& chosen = run.scenario == "mrclam" ? gauges[1] : gauges[0];
+  const std::optional<G> fitted = fleet.fit ? std::optional(fleet.fit->T_to_from) : std::nullopt;
+  const Gauge<G> gauges[] = {{"start", gauge_at_start(run)}, {"fit", fitted}, {"mounted", fitted, &mounts}};
+  const Gauge<G>& chosen = run.scenario == "mrclam" ? gauges[1] : gauges[0];
   result.T_world_common = chosen.T_world_common;
   if (!result.T_world_common && landmark_fit) result.T_world_common = landmark_fit->T_to_from;
 
-  std::optional<SE2> gauge_step;  // from gauge "start" to gauge "fit"
+  std::optional<G> gauge_step;  // from gauge "start" to gauge "fit"
   if (gauges[0].T_world_common && fitted) gauge_step = gauges[0].T_world_common->inverse() * *fitted;
 
   json vehicles = json::array();
-  std::map<std::string, Consistency> fleet_live;
-  Consistency fleet_chosen, fleet_corrected;
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  std::map<std::string, Consistency<G>> fleet_live;
+  Consistency<G> fleet_chosen, fleet_corrected;
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     const auto ate = fleet.ate_m.find(vehicle.id);
     const auto mount = mounts.find(vehicle.id);
     auto& by_second = result.bytes_per_s[vehicle.id] = bytes_by_second(vehicle.traffic);
     const json rate = rates(by_second, vehicle.traffic.empty() ? 0.0 : vehicle.traffic.back().t_s);
-    const Consistency live = judge(vehicle, vehicle.live, chosen);
-    const Consistency corrected = judge(vehicle, vehicle.trajectory, chosen);
+    const Consistency<G> live = judge(vehicle, vehicle.live, chosen);
+    const Consistency<G> corrected = judge(vehicle, vehicle.trajectory, chosen);
     json entry = {{"id", vehicle.id},
                   {"lost", vehicle.lost},
                   {"bytes_per_s_mean", rate.at("mean")},
@@ -500,8 +534,8 @@ Evaluation evaluate(const RunRecord& run) {
     for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent",
                             "integrity", "reasons", "map_digest", "peak_rss_mb"})
       entry[key] = from_summary(vehicle, key);
-    for (const Gauge& gauge : gauges) {
-      const Consistency in_gauge = judge(vehicle, vehicle.live, gauge);
+    for (const Gauge<G>& gauge : gauges) {
+      const Consistency<G> in_gauge = judge(vehicle, vehicle.live, gauge);
       entry[std::string("pose_anees_") + gauge.name] = in_gauge.anees();
       entry[std::string("pose_coverage95_") + gauge.name] = in_gauge.coverage95();
       fleet_live[gauge.name].add(in_gauge);
@@ -525,9 +559,10 @@ Evaluation evaluate(const RunRecord& run) {
   metrics = {{"scenario", run.scenario},
              {"source", info_or_null(run, "source")},
              {"seed", info_or_null(run, "seed")},
+             {"dimension", G::Dim},
              {"gauge", chosen.name},
              {"gauge_shift_m", gauge_step ? json(gauge_step->translation().norm()) : json()},
-             {"gauge_turn_rad", gauge_step ? json(std::abs(gauge_step->theta())) : json()},
+             {"gauge_turn_rad", gauge_step ? json(gauge_step->Log().template tail<G::Dof - G::Dim>().norm()) : json()},
              {"vehicles", std::move(vehicles)},
              {"pairs", std::move(pairs)},
              {"associations", judge_associations(run)},
@@ -553,25 +588,50 @@ Evaluation evaluate(const RunRecord& run) {
   return result;
 }
 
-std::string tum_trajectory(const std::vector<PoseRow>& trajectory) {
+namespace {
+
+/// "x y z qx qy qz qw"
+std::string tum_pose(const SE2& T) {
+  char text[160];
+  std::snprintf(text, sizeof text, "%.6f %.6f 0 0 0 %.9f %.9f", T.translation().x(), T.translation().y(),
+                std::sin(0.5 * T.theta()), std::cos(0.5 * T.theta()));
+  return text;
+}
+std::string tum_pose(const SE3& T) {
+  char text[160];
+  const SE3::Quaternion& q = T.quaternion();
+  std::snprintf(text, sizeof text, "%.6f %.6f %.6f %.9f %.9f %.9f %.9f", T.translation().x(), T.translation().y(),
+                T.translation().z(), q[1], q[2], q[3], q[0]);
+  return text;
+}
+
+}  // namespace
+
+template <class G>
+std::string tum_trajectory(const std::vector<PoseRow<G>>& trajectory) {
   std::string text;
-  char line[160];
-  for (const PoseRow& row : trajectory) {
+  char stamp[40];
+  for (const PoseRow<G>& row : trajectory) {
     if (!row.common) continue;
-    const SE2& T = row.common->T;
-    std::snprintf(line, sizeof line, "%.6f %.6f %.6f 0 0 0 %.9f %.9f\n", row.t_s, T.translation().x(),
-                  T.translation().y(), std::sin(0.5 * T.theta()), std::cos(0.5 * T.theta()));
-    text += line;
+    std::snprintf(stamp, sizeof stamp, "%.6f ", row.t_s);
+    text += stamp + tum_pose(row.common->T) + '\n';
   }
   return text;
 }
 
-void write_evaluation(const RunRecord& run, const Evaluation& evaluation) {
-  for (const VehicleRecord& vehicle : run.vehicles)
+template <class G>
+void write_evaluation(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
     if (!vehicle.trajectory.empty())
       write_text_file(run.folder / ("vehicle_" + std::to_string(vehicle.id) + ".tum"),
                       tum_trajectory(vehicle.trajectory));
   write_text_file(run.folder / "metrics.json", evaluation.metrics.dump(2) + "\n");
 }
+
+#define CONVOY_INSTANTIATE(G)                                                \
+  template Evaluation<G> evaluate(const RunRecord<G>&);                      \
+  template void write_evaluation(const RunRecord<G>&, const Evaluation<G>&); \
+  template std::string tum_trajectory(const std::vector<PoseRow<G>>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

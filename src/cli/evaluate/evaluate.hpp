@@ -16,11 +16,11 @@
 // alone. Its pose_anees_start knows nothing of that, and a coverage counts those few poses as few; the report shows
 // both gauges.
 //
-// Consistency. NEES = r^T P^-1 r, r = Log(T_est^-1 T_true), 3 degrees of freedom; anees is the mean of NEES / 3 (1 is
-// ideal, above is overconfident), coverage95 the share with NEES <= chi2(0.95, 3). "Live" is what a vehicle said of
-// itself at the time, once a second, once aligned; "trajectory" is the whole path corrected with the final map. Poses
-// whose covariance is not positive definite (the start of the common-frame vehicle is known exactly) cannot be judged;
-// they are left out and counted in poses_without_covariance.
+// Consistency. NEES = r^T P^-1 r, r = Log(T_est^-1 T_true), of Dof = 3 degrees of freedom in the plane, 6 in space;
+// anees is the mean of NEES / Dof (1 is ideal, above is overconfident), coverage95 the share with NEES <= chi2(0.95,
+// Dof). "Live" is what a vehicle said of itself at the time, once a second, once aligned; "trajectory" is the whole
+// path corrected with the final map. Poses whose covariance is not positive definite (the start of the common-frame
+// vehicle is known exactly) cannot be judged; they are left out and counted in poses_without_covariance.
 //
 // Distances. Of a pair, as both vehicles saw it live: a's own pose with the pose of b whose stamp is nearest (within
 // 1.5 s), against the truth at the same two stamps, so that latency does not look like error. "raw" takes each
@@ -29,6 +29,9 @@
 // begin there. distance_rmse_corrected_m instead is of the whole run, as the vehicles know it in the end: at each row
 // of one corrected trajectory the other's pose at the same moment, between its two neighbouring rows along the
 // geodesic, and the same with the two exchanged.
+//
+// In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge "mounted" and
+// truth_mount_... are planar, and null there.
 #pragma once
 
 #include <map>
@@ -63,21 +66,25 @@ struct PairSeries {
   std::size_t without_truth = 0;          ///< its poses where the truth of one of the two has a gap
 };
 
+template <class G>
 struct Evaluation {
   nlohmann::json metrics;                                    ///< the content of metrics.json
-  std::optional<SE2> T_world_common;                         ///< the gauge that the figures use
+  std::optional<G> T_world_common;                           ///< the gauge that the figures use
   std::map<VehicleId, std::vector<TimedValue>> live_nees;    ///< in the gauge of pose_anees
   std::map<VehicleId, std::vector<TimedValue>> bytes_per_s;  ///< by whole second
   std::vector<PairSeries> pairs;
 };
 
 /// Judges a run. What cannot be known (no truth, a missing file) is null in the metrics, never a guess.
-Evaluation evaluate(const RunRecord& run);
+template <class G>
+Evaluation<G> evaluate(const RunRecord<G>& run);
 
 /// Writes RUN/metrics.json and RUN/vehicle_<id>.tum. Throws ConfigError.
-void write_evaluation(const RunRecord& run, const Evaluation& evaluation);
+template <class G>
+void write_evaluation(const RunRecord<G>& run, const Evaluation<G>& evaluation);
 
 /// The corrected trajectory in the common frame as TUM text: t x y z qx qy qz qw.
-std::string tum_trajectory(const std::vector<PoseRow>& trajectory);
+template <class G>
+std::string tum_trajectory(const std::vector<PoseRow<G>>& trajectory);
 
 }  // namespace convoy::cli

@@ -12,22 +12,20 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 namespace {
 
-/// Six upper entries of a symmetric 3 x 3, row by row.
-template <class Get>
-Eigen::Matrix3d symmetric(const Get& get) {
-  Eigen::Matrix3d P;
-  P << get(0), get(1), get(2), get(1), get(3), get(4), get(2), get(4), get(5);
-  return P;
-}
+template <class G>
+constexpr std::size_t estimate_columns = coordinate_count<G> + covariance_count<G>;
 
-/// Pose in columns first..first+2, covariance in the six that follow: all there or all empty.
-std::optional<PoseEstimate> read_pose(const TableFile& table, std::size_t first) {
+/// Pose and covariance in the columns from `first`: all there or all empty.
+template <class G>
+std::optional<PoseEstimate<G>> read_estimate(const TableFile& table, std::size_t first) {
+  constexpr std::size_t coordinates = coordinate_count<G>, columns = estimate_columns<G>;
   std::size_t empty = 0;
-  for (std::size_t i = first; i < first + 9; ++i) empty += table.text(i).empty();
-  if (empty == 9) return std::nullopt;
+  for (std::size_t i = first; i < first + columns; ++i) empty += table.text(i).empty();
+  if (empty == columns) return std::nullopt;
   if (empty != 0) table.refuse("a pose and its covariance must be given in full or left empty in full");
-  return PoseEstimate{SE2(table.number(first), table.number(first + 1), table.number(first + 2)),
-                      symmetric([&](std::size_t i) { return table.number(first + 3 + i); })};
+  return PoseEstimate<G>{read_pose<G>(table, first), symmetric_from<typename G::Covariance>([&](std::size_t i) {
+                           return table.number(first + coordinates + i);
+                         })};
 }
 
 /// A vehicle that lived to its end has written at least one row.
@@ -35,12 +33,13 @@ void expect_rows(const TableFile& table, std::size_t rows, bool may_be_cut) {
   if (rows == 0 && !may_be_cut) table.refuse("no row below the header; the file was emptied, the run has to be repeated");
 }
 
-std::vector<PoseRow> read_live(const fs::path& file, bool may_be_cut, const std::set<VehicleId>& fleet) {
-  std::vector<PoseRow> rows;
-  TableFile table(file, {.header = live_header, .drop_cut_last_line = may_be_cut});
+template <class G>
+std::vector<PoseRow<G>> read_live(const fs::path& file, bool may_be_cut, const std::set<VehicleId>& fleet) {
+  std::vector<PoseRow<G>> rows;
+  TableFile table(file, {.header = live_header<G>, .drop_cut_last_line = may_be_cut});
   while (table.next()) {
-    rows.push_back({table.number(0), table.small_number(1), table.optional_number(2).value_or(0.0), read_pose(table, 3),
-                    read_pose(table, 12)});
+    rows.push_back({table.number(0), table.small_number(1), table.optional_number(2).value_or(0.0),
+                    read_estimate<G>(table, 3), read_estimate<G>(table, 3 + estimate_columns<G>)});
     if (fleet.count(rows.back().vehicle) == 0)
       table.refuse("vehicle " + std::to_string(rows.back().vehicle) + " is not among those of run.json; correct either file");
   }
@@ -48,11 +47,13 @@ std::vector<PoseRow> read_live(const fs::path& file, bool may_be_cut, const std:
   return rows;
 }
 
-std::vector<PoseRow> read_trajectory(const fs::path& file, VehicleId id, bool may_be_cut) {
-  std::vector<PoseRow> rows;
-  TableFile table(file, {.header = trajectory_header, .drop_cut_last_line = may_be_cut});
+template <class G>
+std::vector<PoseRow<G>> read_trajectory(const fs::path& file, VehicleId id, bool may_be_cut) {
+  std::vector<PoseRow<G>> rows;
+  TableFile table(file, {.header = trajectory_header<G>, .drop_cut_last_line = may_be_cut});
   while (table.next())
-    rows.push_back({table.number(0), id, table.number(1), read_pose(table, 2), read_pose(table, 11)});
+    rows.push_back({table.number(0), id, table.number(1), read_estimate<G>(table, 2),
+                    read_estimate<G>(table, 2 + estimate_columns<G>)});
   expect_rows(table, rows.size(), may_be_cut);
   return rows;
 }
@@ -68,43 +69,52 @@ std::vector<TrafficRow> read_traffic(const fs::path& file, bool may_be_cut) {
   return rows;
 }
 
-void read_labels(const fs::path& file, bool may_be_cut, VehicleRecord& vehicle) {
+template <class G>
+void read_labels(const fs::path& file, bool may_be_cut, VehicleRecord<G>& vehicle) {
   TableFile table(file, {.header = labels_header, .drop_cut_last_line = may_be_cut});
   while (table.next())
     vehicle.track_of_landmark[{table.whole_number(1), table.small_number(0)}] = table.small_number(2);
   vehicle.has_labels = true;
 }
 
-std::optional<SE2> pose_from(const json& object, const char* name) {
+/// The list of this name, by `read`; empty if it is not there or null.
+template <class Read>
+auto if_given(const json& object, const char* name, const Read& read) -> std::optional<decltype(read(object))> {
   const auto it = object.find(name);
   if (it == object.end() || it->is_null()) return std::nullopt;
-  return SE2(it->at(0), it->at(1), it->at(2));
-}
-
-std::optional<Eigen::Matrix3d> covariance_from(const json& object, const char* name) {
-  const auto it = object.find(name);
-  if (it == object.end() || it->is_null()) return std::nullopt;
-  return symmetric([&](std::size_t i) { return it->at(i).get<double>(); });
+  return read(*it);
 }
 
 Key key_from(const json& object) { return {{object.at("vehicle"), object.at("epoch")}, object.at("index")}; }
 
-MapAnchor anchor_from(const json& object) {
-  MapAnchor anchor;
+template <class G>
+MapAnchor<G> anchor_from(const json& object) {
+  using Covariance = typename G::Covariance;
+  const auto covariance = [&](const char* name) {
+    return if_given(object, name, upper_from<Covariance>).value_or(Covariance::Zero());
+  };
+  MapAnchor<G> anchor;
   anchor.key = key_from(object);
   anchor.stamp_s = object.at("stamp_s");
-  const auto pose = pose_from(object, "pose");
-  if (pose) anchor.common = PoseEstimate{*pose, covariance_from(object, "cov").value_or(Eigen::Matrix3d::Zero())};
-  anchor.T_slam_body = pose_from(object, "slam");
-  anchor.drift = covariance_from(object, "drift").value_or(Eigen::Matrix3d::Zero());
+  if (const auto pose = if_given(object, "pose", pose_from_list<G>))
+    anchor.common = PoseEstimate<G>{*pose, covariance("cov")};
+  anchor.T_slam_body = if_given(object, "slam", pose_from_list<G>);
+  anchor.drift = covariance("drift");
   return anchor;
 }
 
-MapLandmark landmark_from(const json& object) {
-  MapLandmark landmark;
+template <class G>
+MapLandmark<G> landmark_from(const json& object) {
+  MapLandmark<G> landmark;
   landmark.key = key_from(object);
-  if (object.contains("x") && object.at("x").is_number() && object.at("y").is_number())
-    landmark.p_common_m = Eigen::Vector2d(object.at("x"), object.at("y"));
+  typename G::Point p;
+  bool known = true;
+  for (int c = 0; c < G::Dim; ++c) {
+    const json value = object.value(std::string(1, "xyz"[c]), json());
+    known = known && value.is_number();
+    if (known) p[c] = value;
+  }
+  if (known) landmark.p_common_m = p;
   landmark.landmark_class = object.value("class", std::int64_t{-1});
   return landmark;
 }
@@ -121,12 +131,13 @@ MapAssociation association_from(const json& object) {
   return association;
 }
 
-MapRecord map_from(const json& object) {
-  MapRecord map;
+template <class G>
+MapRecord<G> map_from(const json& object) {
+  MapRecord<G> map;
   map.map_digest = object.at("map_digest");
   for (const json& c : object.at("chains")) map.chains.push_back({{c.at("vehicle"), c.at("epoch")}, c.at("aligned")});
-  for (const json& a : object.at("anchors")) map.anchors.push_back(anchor_from(a));
-  for (const json& l : object.at("landmarks")) map.landmarks.push_back(landmark_from(l));
+  for (const json& a : object.at("anchors")) map.anchors.push_back(anchor_from<G>(a));
+  for (const json& l : object.at("landmarks")) map.landmarks.push_back(landmark_from<G>(l));
   for (const json& a : object.at("associations")) map.associations.push_back(association_from(a));
   return map;
 }
@@ -157,18 +168,20 @@ void check_summary(const fs::path& file, const json& summary, VehicleId id) {
   if (summary.contains("vehicle") && summary.at("vehicle") != json(id)) refuse("it is that of another vehicle");
 }
 
-void read_vehicle_files(const fs::path& folder, const std::set<VehicleId>& fleet, VehicleRecord& vehicle) {
+template <class G>
+void read_vehicle_files(const fs::path& folder, const std::set<VehicleId>& fleet, VehicleRecord<G>& vehicle) {
   const auto if_there = [&folder](const char* name, const auto& use) {
     if (fs::exists(folder / name)) use(folder / name);
   };
   const bool may_be_cut = vehicle.lost;
-  if_there("live.csv", [&](const fs::path& file) { vehicle.live = read_live(file, may_be_cut, fleet); });
+  if_there("live.csv", [&](const fs::path& file) { vehicle.live = read_live<G>(file, may_be_cut, fleet); });
   if_there("trajectory.csv",
-           [&](const fs::path& file) { vehicle.trajectory = read_trajectory(file, vehicle.id, may_be_cut); });
+           [&](const fs::path& file) { vehicle.trajectory = read_trajectory<G>(file, vehicle.id, may_be_cut); });
   if_there("traffic.csv", [&](const fs::path& file) { vehicle.traffic = read_traffic(file, may_be_cut); });
   if_there("labels.csv", [&](const fs::path& file) { read_labels(file, may_be_cut, vehicle); });
-  if_there("map.json",
-           [&](const fs::path& file) { with_json(file, [&](const json& object) { vehicle.map = map_from(object); }); });
+  if_there("map.json", [&](const fs::path& file) {
+    with_json(file, [&](const json& object) { vehicle.map = map_from<G>(object); });
+  });
   if_there("summary.json",
            [&](const fs::path& file) {
              with_json(file, [&](const json& object) { vehicle.summary = object; });
@@ -191,10 +204,13 @@ std::set<VehicleId> ids_of(const fs::path& file, const char* name, const json& l
   return ids;
 }
 
-std::set<VehicleId> read_run_info(const fs::path& file, RunRecord& run) {
+template <class G>
+std::set<VehicleId> read_run_info(const fs::path& file, RunRecord<G>& run) {
   const auto refuse = [&file](const std::string& what) { throw ConfigError(file.string() + ": " + what); };
   std::set<VehicleId> fleet;
   with_json(file, [&](const json& info) {
+    if (dimension_in(file, info) != G::Dim)
+      refuse("this run is of the other dimension, and of " + std::to_string(G::Dim) + " one is read here");
     run.info = info;
     run.scenario = info.at("scenario");
     fleet = ids_of(file, "vehicles", info.at("vehicles"));
@@ -214,42 +230,47 @@ std::set<VehicleId> read_run_info(const fs::path& file, RunRecord& run) {
   return fleet;
 }
 
-std::map<VehicleId, StaticPrior> priors_of(const fs::path& run_folder) {
-  std::map<VehicleId, StaticPrior> priors;
+template <class G>
+std::map<VehicleId, StaticPrior<G>> priors_of(const fs::path& run_folder) {
+  std::map<VehicleId, StaticPrior<G>> priors;
   const fs::path file = run_folder / "scenario.json";
   if (!fs::exists(file)) return priors;
   with_json(file, [&](const json& object) {
     for (const json& vehicle : object.at("vehicles"))
       if (vehicle.contains("prior")) {
-        const json &mean = vehicle.at("prior").at("mean"), &sigma = vehicle.at("prior").at("sigma");
-        priors[vehicle.at("id")] = {SE2(mean.at(0), mean.at(1), mean.at(2)), sigma.at(0), sigma.at(1), sigma.at(2)};
+        priors[vehicle.at("id")] = {pose_from_list<G>(vehicle.at("prior").at("mean")),
+                                    vector_from<typename G::Tangent>(vehicle.at("prior").at("sigma"))};
       }
   });
   return priors;
 }
 
 /// Time of the first row of sensors.csv, without reading the rest.
+template <class G>
 std::optional<double> first_event(const fs::path& file) {
   if (!fs::exists(file)) return std::nullopt;
-  TableFile table(file, {.header = "t_s,kind,a,b,c"});
+  TableFile table(file, {.header = sensors_header<G>});
   if (!table.next()) return std::nullopt;
   return table.number(0);
 }
 
 }  // namespace
 
-const VehicleRecord* RunRecord::find(VehicleId id) const {
+template <class G>
+const VehicleRecord<G>* RunRecord<G>::find(VehicleId id) const {
   const auto it = std::find_if(vehicles.begin(), vehicles.end(), [id](const auto& v) { return v.id == id; });
   return it == vehicles.end() ? nullptr : &*it;
 }
 
-const VehicleRecord* RunRecord::first_survivor() const {
+template <class G>
+const VehicleRecord<G>* RunRecord<G>::first_survivor() const {
   const auto it = std::find_if(vehicles.begin(), vehicles.end(), [](const auto& v) { return !v.lost && v.map; });
   return it == vehicles.end() ? nullptr : &*it;
 }
 
-void expect_survivors(const RunRecord& run) {
-  for (const VehicleRecord& vehicle : run.vehicles) {
+template <class G>
+void expect_survivors(const RunRecord<G>& run) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     if (vehicle.lost) continue;
     for (const char* name : {"live.csv", "trajectory.csv", "traffic.csv", "labels.csv", "map.json", "summary.json"})
       if (const fs::path file = vehicle_folder(run.folder, vehicle.id) / name; !fs::exists(file))
@@ -258,21 +279,34 @@ void expect_survivors(const RunRecord& run) {
   }
 }
 
-RunRecord read_run(const fs::path& folder) {
-  RunRecord run;
+template <class G>
+RunRecord<G> read_run(const fs::path& folder) {
+  RunRecord<G> run;
   run.folder = folder;
   const std::set<VehicleId> fleet = read_run_info(folder / "run.json", run);
-  const auto priors = priors_of(folder);
-  for (VehicleRecord& vehicle : run.vehicles) {
+  const auto priors = priors_of<G>(folder);
+  for (VehicleRecord<G>& vehicle : run.vehicles) {
     const fs::path own = vehicle_folder(folder, vehicle.id);
     read_vehicle_files(own, fleet, vehicle);
-    if (const auto t_s = first_event(own / "sensors.csv")) run.first_event_s[vehicle.id] = *t_s;
-    if (fs::exists(truth_file(folder, vehicle.id))) vehicle.truth = read_truth(truth_file(folder, vehicle.id));
+    if (const auto t_s = first_event<G>(own / "sensors.csv")) run.first_event_s[vehicle.id] = *t_s;
+    if (fs::exists(truth_file(folder, vehicle.id))) vehicle.truth = read_truth<G>(truth_file(folder, vehicle.id));
     if (const auto prior = priors.find(vehicle.id); prior != priors.end()) vehicle.prior = prior->second;
   }
   if (fs::exists(folder / "truth" / "landmarks.csv"))
-    run.landmarks = read_landmarks(folder / "truth" / "landmarks.csv");
+    run.landmarks = read_landmarks<G>(folder / "truth" / "landmarks.csv");
   return run;
 }
+
+int run_dimension(const fs::path& folder) {
+  int dimension = 2;
+  with_json(folder / "run.json", [&](const json& info) { dimension = dimension_in(folder / "run.json", info); });
+  return dimension;
+}
+
+#define CONVOY_INSTANTIATE(G)                      \
+  template struct RunRecord<G>;                    \
+  template RunRecord<G> read_run(const fs::path&); \
+  template void expect_survivors(const RunRecord<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

@@ -25,58 +25,58 @@ std::string key_of(const std::vector<std::pair<Style, std::string>>& entries) {
 
 std::string metres_text(double value) { return fixed(value, value < 1.0 ? 2 : 1) + " m"; }
 
-bool has_truth(const RunRecord& run) {
+template <class G>
+bool has_truth(const RunRecord<G>& run) {
   return std::any_of(run.vehicles.begin(), run.vehicles.end(), [](const auto& v) { return !v.truth.empty(); });
 }
 
-std::vector<Point> truth_path(const VehicleRecord& vehicle, const SE2& T_frame_world) {
+template <class G>
+std::vector<Point> truth_path(const VehicleRecord<G>& vehicle, const G& T_frame_world) {
   std::vector<Point> path;
   double last_s = -std::numeric_limits<double>::infinity();
-  for (const TruthPose& pose : vehicle.truth) {
+  for (const TruthPose<G>& pose : vehicle.truth) {
     if (pose.t_s - last_s < truth_period_s) continue;
     if (!path.empty() && pose.t_s - last_s > 5.0) path.emplace_back(NAN, NAN);
-    path.push_back(T_frame_world * pose.T_world_body.translation());
+    path.push_back(from_above(T_frame_world * pose.T_world_body.translation()));
     last_s = pose.t_s;
   }
   return path;
 }
 
-const std::vector<PoseRow>& own_rows(const VehicleRecord& vehicle) {
+template <class G>
+const std::vector<PoseRow<G>>& own_rows(const VehicleRecord<G>& vehicle) {
   return vehicle.trajectory.empty() ? vehicle.live : vehicle.trajectory;
 }
 
-std::vector<Point> slam_path(const VehicleRecord& vehicle, const SE2& T_frame_slam) {
+template <class G>
+std::vector<Point> slam_path(const VehicleRecord<G>& vehicle, const G& T_frame_slam) {
   std::vector<Point> path;
-  for (const PoseRow& row : own_rows(vehicle))
-    if (row.vehicle == vehicle.id && row.slam) path.push_back(T_frame_slam * row.slam->T.translation());
+  for (const PoseRow<G>& row : own_rows(vehicle))
+    if (row.vehicle == vehicle.id && row.slam) path.push_back(from_above(T_frame_slam * row.slam->T.translation()));
   return path;
 }
 
-std::vector<Point> common_path(const VehicleRecord& vehicle) {
+template <class G>
+std::vector<Point> common_path(const VehicleRecord<G>& vehicle) {
   std::vector<Point> path;
-  for (const PoseRow& row : own_rows(vehicle))
-    if (row.vehicle == vehicle.id && row.common) path.push_back(row.common->T.translation());
+  for (const PoseRow<G>& row : own_rows(vehicle))
+    if (row.vehicle == vehicle.id && row.common) path.push_back(from_above(row.common->T.translation()));
   return path;
 }
 
-Eigen::Matrix2d position_covariance(const PoseEstimate& estimate) {
-  const Eigen::Matrix2d R = estimate.T.rotation();
-  return R * estimate.P.topLeftCorner<2, 2>() * R.transpose();
+template <class G>
+typename G::PointCovariance position_covariance(const PoseEstimate<G>& estimate) {
+  const typename G::PointCovariance R = estimate.T.rotation();
+  return R * estimate.P.template topLeftCorner<G::Dim, G::Dim>() * R.transpose();
 }
 
-Eigen::Matrix<double, 2, 3> frame_jacobian(const Point& p_frame) {
-  Eigen::Matrix<double, 2, 3> G;
-  G << 1.0, 0.0, -p_frame.y(), 0.0, 1.0, p_frame.x();
-  return G;
-}
-
-Placement placement_of(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle) {
-  Placement placement;
+template <class G>
+Placement<G> placement_of(const RunRecord<G>& run, const Evaluation<G>& evaluation, const VehicleRecord<G>& vehicle) {
+  Placement<G> placement;
   if (vehicle.prior && evaluation.T_world_common) {
     placement.by_prior = true;
     placement.T_frame_slam = vehicle.prior->mean;
-    const Eigen::Vector3d sigma(vehicle.prior->sigma_x_m, vehicle.prior->sigma_y_m, vehicle.prior->sigma_theta_rad);
-    placement.prior = sigma.cwiseAbs2().asDiagonal();
+    placement.prior = vehicle.prior->sigma.cwiseAbs2().asDiagonal();
     placement.T_frame_world = evaluation.T_world_common->inverse();
     return placement;
   }
@@ -86,16 +86,17 @@ Placement placement_of(const RunRecord& run, const Evaluation& evaluation, const
   return placement;
 }
 
-Eigen::Matrix2d drift_covariance(const MapAnchor& anchor, const Placement& placement) {
-  const auto G = frame_jacobian(anchor.T_slam_body->translation());
-  const Eigen::Matrix2d R = placement.T_frame_slam.rotation();
-  return R * G * (anchor.drift + placement.prior) * G.transpose() * R.transpose();
+template <class G>
+typename G::PointCovariance drift_covariance(const MapAnchor<G>& anchor, const Placement<G>& placement) {
+  const typename G::PointJacobian J = placement.T_frame_slam.act_jacobian(anchor.T_slam_body->translation());
+  return J * (anchor.drift + placement.prior) * J.transpose();
 }
 
-std::vector<const MapAnchor*> anchors_of(const RunRecord& run, VehicleId id) {
-  std::vector<const MapAnchor*> anchors;
-  if (const VehicleRecord* survivor = run.first_survivor())
-    for (const MapAnchor& anchor : survivor->map->anchors)
+template <class G>
+std::vector<const MapAnchor<G>*> anchors_of(const RunRecord<G>& run, VehicleId id) {
+  std::vector<const MapAnchor<G>*> anchors;
+  if (const VehicleRecord<G>* survivor = run.first_survivor())
+    for (const MapAnchor<G>& anchor : survivor->map->anchors)
       if (anchor.key.chain.vehicle == id && anchor.T_slam_body) anchors.push_back(&anchor);
   return anchors;
 }
@@ -109,6 +110,22 @@ void metres(SvgPlot& plot) {
   plot.y_label("y [m]");
 }
 
-bool crowded(const RunRecord& run) { return run.vehicles.size() > 2; }
+template <class G>
+bool crowded(const RunRecord<G>& run) {
+  return run.vehicles.size() > 2;
+}
+
+#define CONVOY_INSTANTIATE(G)                                                                             \
+  template bool has_truth(const RunRecord<G>&);                                                           \
+  template std::vector<Point> truth_path(const VehicleRecord<G>&, const G&);                              \
+  template const std::vector<PoseRow<G>>& own_rows(const VehicleRecord<G>&);                              \
+  template std::vector<Point> slam_path(const VehicleRecord<G>&, const G&);                               \
+  template std::vector<Point> common_path(const VehicleRecord<G>&);                                       \
+  template G::PointCovariance position_covariance(const PoseEstimate<G>&);                                \
+  template Placement<G> placement_of(const RunRecord<G>&, const Evaluation<G>&, const VehicleRecord<G>&); \
+  template G::PointCovariance drift_covariance(const MapAnchor<G>&, const Placement<G>&);                 \
+  template std::vector<const MapAnchor<G>*> anchors_of(const RunRecord<G>&, VehicleId);                   \
+  template bool crowded(const RunRecord<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli::figures

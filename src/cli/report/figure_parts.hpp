@@ -14,13 +14,21 @@ namespace convoy::cli::figures {
 
 // ---- the figures ----
 
-Figure slam_only(const RunRecord& run, const Evaluation& evaluation);
-Figure drift_of_first(const RunRecord& run, const Evaluation& evaluation);
-Figure drift_of_others(const RunRecord& run, const Evaluation& evaluation);
-Figure common_map(const RunRecord& run, const Evaluation& evaluation);
-Figure bytes_sent(const RunRecord& run, const Evaluation& evaluation);
-Figure distances(const RunRecord& run, const Evaluation& evaluation);
-Figure consistency(const RunRecord& run, const Evaluation& evaluation);
+template <class G>
+Figure slam_only(const RunRecord<G>& run, const Evaluation<G>& evaluation);
+template <class G>
+Figure drift_of_first(const RunRecord<G>& run, const Evaluation<G>& evaluation);
+template <class G>
+Figure drift_of_others(const RunRecord<G>& run, const Evaluation<G>& evaluation);
+template <class G>
+Figure common_map(const RunRecord<G>& run, const Evaluation<G>& evaluation);
+Figure height_profile(const RunRecord<SE3>& run, const Evaluation<SE3>& evaluation);
+template <class G>
+Figure bytes_sent(const RunRecord<G>& run, const Evaluation<G>& evaluation);
+template <class G>
+Figure distances(const RunRecord<G>& run, const Evaluation<G>& evaluation);
+template <class G>
+Figure consistency(const RunRecord<G>& run, const Evaluation<G>& evaluation);
 
 // ---- what they share ----
 
@@ -54,10 +62,11 @@ struct Share {
 };
 
 /// How one vehicle's SLAM-only path is placed: by its static prior, or in its own start frame.
+template <class G>
 struct Placement {
-  SE2 T_frame_slam;
-  Eigen::Matrix3d prior = Eigen::Matrix3d::Zero();
-  std::optional<SE2> T_frame_world;  ///< for the truth
+  G T_frame_slam;
+  typename G::Covariance prior = G::Covariance::Zero();
+  std::optional<G> T_frame_world;  ///< for the truth
   bool by_prior = false;
 };
 
@@ -67,28 +76,41 @@ std::string row_of(const std::string& cells);
 std::string key_of(const std::vector<std::pair<Style, std::string>>& entries);
 
 std::string metres_text(double value);
-bool has_truth(const RunRecord& run);
+template <class G>
+bool has_truth(const RunRecord<G>& run);
+/// A point in space as drawings show it: from above.
+inline Point from_above(const Eigen::Vector2d& p) { return p; }
+inline Point from_above(const Eigen::Vector3d& p) { return p.head<2>(); }
+inline Eigen::Matrix2d from_above(const Eigen::Matrix2d& covariance) { return covariance; }
+inline Eigen::Matrix2d from_above(const Eigen::Matrix3d& covariance) { return covariance.topLeftCorner<2, 2>(); }
+
 /// The true path, seen from the frame given by T_frame_world.
-std::vector<Point> truth_path(const VehicleRecord& vehicle, const SE2& T_frame_world);
+template <class G>
+std::vector<Point> truth_path(const VehicleRecord<G>& vehicle, const G& T_frame_world);
 
-const std::vector<PoseRow>& own_rows(const VehicleRecord& vehicle);
-std::vector<Point> slam_path(const VehicleRecord& vehicle, const SE2& T_frame_slam = SE2());
-std::vector<Point> common_path(const VehicleRecord& vehicle);
+template <class G>
+const std::vector<PoseRow<G>>& own_rows(const VehicleRecord<G>& vehicle);
+template <class G>
+std::vector<Point> slam_path(const VehicleRecord<G>& vehicle, const G& T_frame_slam = G());
+template <class G>
+std::vector<Point> common_path(const VehicleRecord<G>& vehicle);
 /// Position covariance in the frame of T, of the right perturbation of T.
-Eigen::Matrix2d position_covariance(const PoseEstimate& estimate);
+template <class G>
+typename G::PointCovariance position_covariance(const PoseEstimate<G>& estimate);
 
-/// Effect on a point at p_frame of a perturbation (rho, theta) of the frame that it hangs on.
-Eigen::Matrix<double, 2, 3> frame_jacobian(const Point& p_frame);
-
-Placement placement_of(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle);
+template <class G>
+Placement<G> placement_of(const RunRecord<G>& run, const Evaluation<G>& evaluation, const VehicleRecord<G>& vehicle);
 /// Position uncertainty of an anchor before any fusion: static prior and drift up to there (paper, eq. 4, and the
 /// static part of the bias).
-Eigen::Matrix2d drift_covariance(const MapAnchor& anchor, const Placement& placement);
+template <class G>
+typename G::PointCovariance drift_covariance(const MapAnchor<G>& anchor, const Placement<G>& placement);
 
-std::vector<const MapAnchor*> anchors_of(const RunRecord& run, VehicleId id);
+template <class G>
+std::vector<const MapAnchor<G>*> anchors_of(const RunRecord<G>& run, VehicleId id);
 Window window_around(const Point& centre, double half_m);
 void metres(SvgPlot& plot);
-bool crowded(const RunRecord& run);
+template <class G>
+bool crowded(const RunRecord<G>& run);
 
 /// About `wanted` elements, evenly spread, the last one among them.
 template <class T>

@@ -9,7 +9,8 @@ namespace convoy::cli {
 
 using nlohmann::json;
 
-std::string gauge_note(const RunRecord& run, const json& m) {
+template <class G>
+std::string gauge_note(const RunRecord<G>& run, const json& m) {
   if (!m.at("gauge_shift_m").is_number()) return "";
   for (const json& v : m.at("vehicles")) {
     if (v.at("id") != json(run.common_frame_vehicle) || !v.at("pose_anees_fit").is_number() ||
@@ -30,32 +31,45 @@ std::string gauge_note(const RunRecord& run, const json& m) {
   return "";
 }
 
-std::string vehicle_name(const RunRecord& run, VehicleId id) {
+template <class G>
+std::string vehicle_name(const RunRecord<G>& run, VehicleId id) {
   if (run.scenario == "street" && run.vehicles.size() == 2) return id == 1 ? "front vehicle" : "back vehicle";
   return "robot " + std::to_string(id);
 }
 
-std::string vehicle_color(const RunRecord& run, VehicleId id) {
+template <class G>
+std::string vehicle_color(const RunRecord<G>& run, VehicleId id) {
   static const char* const colors[] = {"#1a8f3c", "#1f5fbf", "#e07b00", "#8e3fb5", "#7a5230",
                                        "#009aa6", "#b8860b", "#5b6770", "#c2185b", "#4b7a00"};
   const auto it = std::find_if(run.vehicles.begin(), run.vehicles.end(), [id](const auto& v) { return v.id == id; });
   return colors[static_cast<std::size_t>(it - run.vehicles.begin()) % std::size(colors)];
 }
 
-std::string the_vehicle(const RunRecord& run, VehicleId id) {
+template <class G>
+std::string the_vehicle(const RunRecord<G>& run, VehicleId id) {
   const std::string name = vehicle_name(run, id);
   return name.ends_with("vehicle") ? "the " + name : name;
 }
 
-std::vector<Figure> make_figures(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+std::vector<Figure> make_figures(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   if (run.vehicles.empty()) return {};
   std::vector<Figure> all{figures::slam_only(run, evaluation), figures::drift_of_first(run, evaluation)};
   if (run.vehicles.size() > 1) all.push_back(figures::drift_of_others(run, evaluation));
   all.push_back(figures::common_map(run, evaluation));
+  if constexpr (G::Dim == 3) all.push_back(figures::height_profile(run, evaluation));
   all.push_back(figures::bytes_sent(run, evaluation));
   if (run.vehicles.size() > 1) all.push_back(figures::distances(run, evaluation));
   all.push_back(figures::consistency(run, evaluation));
   return all;
 }
+
+#define CONVOY_INSTANTIATE(G)                                         \
+  template std::string gauge_note(const RunRecord<G>&, const json&);  \
+  template std::string vehicle_name(const RunRecord<G>&, VehicleId);  \
+  template std::string vehicle_color(const RunRecord<G>&, VehicleId); \
+  template std::string the_vehicle(const RunRecord<G>&, VehicleId);   \
+  template std::vector<Figure> make_figures(const RunRecord<G>&, const Evaluation<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

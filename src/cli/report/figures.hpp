@@ -14,20 +14,26 @@ struct Figure {
   std::string caption;  ///< plain text
 };
 
-/// Figures 9 to 14 and the consistency over time. A figure whose data are missing says so in its caption.
-std::vector<Figure> make_figures(const RunRecord& run, const Evaluation& evaluation);
+/// Figures 9 to 14 and the consistency over time; in space, paths and maps from above, and the heights besides. A
+/// figure whose data are missing says so in its caption.
+template <class G>
+std::vector<Figure> make_figures(const RunRecord<G>& run, const Evaluation<G>& evaluation);
 
 /// How far the gauges "start" and "fit" (evaluate.hpp) lie apart, and why "fit" may give the common-frame vehicle a
 /// huge ANEES, with both gauges' numbers, as sentences with a blank before; empty if one of the gauges is not known.
-std::string gauge_note(const RunRecord& run, const nlohmann::json& metrics);
+template <class G>
+std::string gauge_note(const RunRecord<G>& run, const nlohmann::json& metrics);
 
 /// "front vehicle", "back vehicle" on the street; "robot N" otherwise.
-std::string vehicle_name(const RunRecord& run, VehicleId id);
+template <class G>
+std::string vehicle_name(const RunRecord<G>& run, VehicleId id);
 
 /// The same within a sentence: "the front vehicle", "robot 3".
-std::string the_vehicle(const RunRecord& run, VehicleId id);
+template <class G>
+std::string the_vehicle(const RunRecord<G>& run, VehicleId id);
 
 /// The colour of a vehicle in all figures: green for the first, blue for the second (as in the paper), then others.
-std::string vehicle_color(const RunRecord& run, VehicleId id);
+template <class G>
+std::string vehicle_color(const RunRecord<G>& run, VehicleId id);
 
 }  // namespace convoy::cli

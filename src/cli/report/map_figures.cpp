@@ -14,23 +14,31 @@ namespace {
 
 using nlohmann::json;
 
+/// For captions: a plane needs no such word.
+template <class G>
+std::string seen_from_above() {
+  return G::Dim == 2 ? "" : " Seen from above.";
+}
+
 // ---- Fig. 9 ----
 
 Style truth_style() { return {truth_color, 1.9, "", 0.75}; }
 
 /// What the black line is in drawings of one robot each.
-std::string truth_clause(const RunRecord& run) {
+template <class G>
+std::string truth_clause(const RunRecord<G>& run) {
   return has_truth(run) ? " The ground truth is laid on the true pose at the start, as its recorder saw it."
                         : " There is no pose truth to draw.";
 }
 
 /// How far apart two vehicles truly were when each started; that is what their SLAMs cannot know.
-std::string started_apart(const RunRecord& run) {
+template <class G>
+std::string started_apart(const RunRecord<G>& run) {
   if (!has_truth(run)) return " There is no pose truth to draw.";
   const std::string dots = " Dots mark where each true trajectory begins and ends.";
   if (run.vehicles.size() != 2) return dots;
-  std::vector<Point> starts;
-  for (const VehicleRecord& vehicle : run.vehicles)
+  std::vector<typename G::Point> starts;
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
     if (const auto first = run.first_event_s.find(vehicle.id); first != run.first_event_s.end())
       if (const auto T = truth_at(vehicle.truth, first->second)) starts.push_back(T->translation());
   if (starts.size() != 2) return dots;
@@ -40,24 +48,25 @@ std::string started_apart(const RunRecord& run) {
 
 }  // namespace
 
-Figure slam_only(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+Figure slam_only(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   Figure figure;
   figure.title = "SLAM-only trajectories (paper, Fig. 9)";
   if (crowded(run)) {
     figure.caption =
         "Each robot's own SLAM in the frame in which it started: without an exchange nothing relates these "
         "frames to one another, and each drifts by itself." +
-        truth_clause(run);
+        truth_clause(run) + seen_from_above<G>();
     figure.body = key_of({{truth_style(), "ground truth"},
                           {{vehicle_color(run, run.vehicles.front().id), 1.6}, "SLAM, in the colour of its robot"}});
     std::string cells;
-    for (const VehicleRecord& vehicle : run.vehicles) {
+    for (const VehicleRecord<G>& vehicle : run.vehicles) {
       SvgPlot plot(small_width, small_width);
       plot.equal_aspect(small_map_height, small_map_height);
       plot.title(vehicle_name(run, vehicle.id));
       metres(plot);
       plot.no_legend();
-      const Placement placement = placement_of(run, evaluation, vehicle);
+      const Placement<G> placement = placement_of(run, evaluation, vehicle);
       if (placement.T_frame_world) plot.line(truth_path(vehicle, *placement.T_frame_world), truth_style());
       plot.line(slam_path(vehicle, placement.T_frame_slam), {vehicle_color(run, vehicle.id), 1.6});
       cells += cell(plot.svg(), "third");
@@ -65,18 +74,18 @@ Figure slam_only(const RunRecord& run, const Evaluation& evaluation) {
     figure.body += row_of(cells);
     return figure;
   }
-  figure.caption =
-      "Each vehicle's own SLAM as if it had started at the origin of the common frame." + started_apart(run);
+  figure.caption = "Each vehicle's own SLAM as if it had started at the origin of the common frame." +
+                   started_apart(run) + seen_from_above<G>();
   SvgPlot plot(page_width, 560.0);
   plot.equal_aspect(240.0, 560.0);
   metres(plot);
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     if (!evaluation.T_world_common || vehicle.truth.empty()) continue;
     plot.line(truth_path(vehicle, evaluation.T_world_common->inverse()), {truth_color, 1.6}, "ground truth");
   }
-  for (const VehicleRecord& vehicle : run.vehicles)
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
     plot.line(slam_path(vehicle), {vehicle_color(run, vehicle.id), 2.0}, "SLAM of " + the_vehicle(run, vehicle.id));
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     if (!evaluation.T_world_common || vehicle.truth.empty()) continue;
     const auto path = truth_path(vehicle, evaluation.T_world_common->inverse());
     plot.dots({path.front(), path.back()}, 4.5, {vehicle_color(run, vehicle.id)},
@@ -91,49 +100,53 @@ namespace {
 // ---- Fig. 10 and 11 ----
 
 /// Draws one vehicle's SLAM-only path with its ellipses; the same content serves the whole view and the zoom.
-void draw_drift(SvgPlot& plot, const RunRecord& run, const VehicleRecord& vehicle, const Placement& placement,
-                const std::vector<const MapAnchor*>& anchors, bool with_slam_ellipses, double line_width) {
+template <class G>
+void draw_drift(SvgPlot& plot, const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const Placement<G>& placement,
+                const std::vector<const MapAnchor<G>*>& anchors, bool with_slam_ellipses, double line_width) {
   const std::string color = vehicle_color(run, vehicle.id);
   if (placement.T_frame_world)
     plot.line(truth_path(vehicle, *placement.T_frame_world), {truth_color, line_width}, "ground truth");
   plot.line(slam_path(vehicle, placement.T_frame_slam), {color, line_width + 0.4}, "SLAM");
-  for (const MapAnchor* anchor : anchors)
-    plot.ellipse(placement.T_frame_slam * anchor->T_slam_body->translation(), drift_covariance(*anchor, placement),
-                 {color, 1.0, "", 0.75}, "95 %, drift model");
+  for (const MapAnchor<G>* anchor : anchors)
+    plot.ellipse(from_above(placement.T_frame_slam * anchor->T_slam_body->translation()),
+                 from_above(drift_covariance(*anchor, placement)), {color, 1.0, "", 0.75}, "95 %, drift model");
   if (!with_slam_ellipses) return;
-  std::vector<const PoseRow*> rows;
-  for (const PoseRow& row : own_rows(vehicle))
+  std::vector<const PoseRow<G>*> rows;
+  for (const PoseRow<G>& row : own_rows(vehicle))
     if (row.vehicle == vehicle.id && row.slam) rows.push_back(&row);
-  for (const PoseRow* row : spread(rows, 150)) {
-    const PoseEstimate placed{placement.T_frame_slam * row->slam->T, row->slam->P};
-    plot.ellipse(placed.T.translation(), position_covariance(placed), {color, 0.8, "2 2", 1.0}, "95 %, SLAM alone");
+  for (const PoseRow<G>* row : spread(rows, 150)) {
+    const PoseEstimate<G> placed{placement.T_frame_slam * row->slam->T, row->slam->P};
+    plot.ellipse(from_above(placed.T.translation()), from_above(position_covariance(placed)), {color, 0.8, "2 2", 1.0},
+                 "95 %, SLAM alone");
   }
 }
 
 /// Where the zoom looks: at three quarters of the way, wide enough for the truth and the SLAM's own ellipse.
-std::optional<Window> zoom_window(const VehicleRecord& vehicle, const Placement& placement) {
-  std::vector<const PoseRow*> rows;
-  for (const PoseRow& row : own_rows(vehicle))
+template <class G>
+std::optional<Window> zoom_window(const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
+  std::vector<const PoseRow<G>*> rows;
+  for (const PoseRow<G>& row : own_rows(vehicle))
     if (row.vehicle == vehicle.id && row.slam) rows.push_back(&row);
   if (rows.empty()) return std::nullopt;
-  const PoseRow& row = *rows[rows.size() * 3 / 4];
-  const Point centre = placement.T_frame_slam * row.slam->T.translation();
-  double half = 6.0 * std::sqrt(std::max(1e-6, position_covariance(*row.slam).trace()));
+  const PoseRow<G>& row = *rows[rows.size() * 3 / 4];
+  const Point centre = from_above(placement.T_frame_slam * row.slam->T.translation());
+  double half = 6.0 * std::sqrt(std::max(1e-6, from_above(position_covariance(*row.slam)).trace()));
   if (const auto truth = truth_at(vehicle.truth, row.t_s); truth && placement.T_frame_world && !placement.by_prior)
-    half = std::max(half, 1.5 * (*placement.T_frame_world * truth->translation() - centre).norm());
+    half = std::max(half, 1.5 * (from_above(*placement.T_frame_world * truth->translation()) - centre).norm());
   half = std::clamp(half, 0.2, 6.0);
   return window_around(centre, half);
 }
 
-std::string drift_drawing(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle) {
-  const Placement placement = placement_of(run, evaluation, vehicle);
+template <class G>
+std::string drift_drawing(const RunRecord<G>& run, const Evaluation<G>& evaluation, const VehicleRecord<G>& vehicle) {
+  const Placement<G> placement = placement_of(run, evaluation, vehicle);
   const auto anchors = spread(anchors_of(run, vehicle.id), 10);
   SvgPlot whole(main_width, 460.0);
   whole.equal_aspect(250.0, 480.0);
   metres(whole);
   draw_drift(whole, run, vehicle, placement, anchors, false, 1.6);
   if (placement.by_prior && placement.prior.trace() > 0.0)
-    whole.ellipse(placement.T_frame_slam.translation(), placement.prior.topLeftCorner<2, 2>(),
+    whole.ellipse(from_above(placement.T_frame_slam.translation()), placement.prior.template topLeftCorner<2, 2>(),
                   {vehicle_color(run, vehicle.id), 1.6, "6 4"}, "95 %, static prior");
   const auto window = zoom_window(vehicle, placement);
   if (!window) return whole.svg();
@@ -145,31 +158,34 @@ std::string drift_drawing(const RunRecord& run, const Evaluation& evaluation, co
 }
 
 /// Whether the true position at each closing anchor lies within the drift model's 95 % ellipse.
-Share held_by_drift(const RunRecord& run, const VehicleRecord& vehicle, const Placement& placement) {
+template <class G>
+Share held_by_drift(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
   static const double bound = chi2_quantile(0.95, 2.0);
   Share share;
-  for (const MapAnchor* anchor : anchors_of(run, vehicle.id)) {
+  for (const MapAnchor<G>* anchor : anchors_of(run, vehicle.id)) {
     const auto truth = truth_at(vehicle.truth, anchor->stamp_s);
     if (!truth || !placement.T_frame_world) continue;
-    const Eigen::Vector2d error =
-        (*placement.T_frame_world * *truth).translation() - placement.T_frame_slam * anchor->T_slam_body->translation();
-    const double square = squared_mahalanobis(error, drift_covariance(*anchor, placement));
+    const Point error = from_above((*placement.T_frame_world * *truth).translation()) -
+                        from_above(placement.T_frame_slam * anchor->T_slam_body->translation());
+    const double square = squared_mahalanobis(error, from_above(drift_covariance(*anchor, placement)));
     if (std::isfinite(square)) share.add(square <= bound);  // the start is known exactly and cannot be judged
   }
   return share;
 }
 
 /// The same for the SLAM's own ellipses along the way.
-Share held_by_slam(const VehicleRecord& vehicle, const Placement& placement) {
+template <class G>
+Share held_by_slam(const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
   static const double bound = chi2_quantile(0.95, 2.0);
   Share share;
-  for (const PoseRow& row : own_rows(vehicle)) {
+  for (const PoseRow<G>& row : own_rows(vehicle)) {
     if (row.vehicle != vehicle.id || !row.slam) continue;
     const auto truth = truth_at(vehicle.truth, row.t_s);
     if (!truth || !placement.T_frame_world) continue;
-    const PoseEstimate placed{placement.T_frame_slam * row.slam->T, row.slam->P};
-    const Eigen::Vector2d error = (*placement.T_frame_world * *truth).translation() - placed.T.translation();
-    const double square = squared_mahalanobis(error, position_covariance(placed));
+    const PoseEstimate<G> placed{placement.T_frame_slam * row.slam->T, row.slam->P};
+    const Point error =
+        from_above((*placement.T_frame_world * *truth).translation()) - from_above(placed.T.translation());
+    const double square = squared_mahalanobis(error, from_above(position_covariance(placed)));
     if (std::isfinite(square)) share.add(square <= bound);
   }
   return share;
@@ -183,7 +199,8 @@ double reach_m(const Eigen::Matrix2d& covariance) {
 }
 
 /// What the run shows of a drift drawing: which ellipses hold the truth, and how large they are in the end.
-std::string drift_findings(const RunRecord& run, const VehicleRecord& vehicle, const Placement& placement) {
+template <class G>
+std::string drift_findings(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
   std::string text;
   const Share drift = held_by_drift(run, vehicle, placement), slam = held_by_slam(vehicle, placement);
   if (drift.judged > 0)
@@ -192,67 +209,70 @@ std::string drift_findings(const RunRecord& run, const VehicleRecord& vehicle, c
   if (slam.judged > 0) text += " Along the way, " + slam.text() + " lie within that of the SLAM alone.";
   const auto anchors = anchors_of(run, vehicle.id);
   const auto& rows = own_rows(vehicle);
-  const auto last = std::find_if(rows.rbegin(), rows.rend(), [&](const PoseRow& row) {
+  const auto last = std::find_if(rows.rbegin(), rows.rend(), [&](const PoseRow<G>& row) {
     return row.vehicle == vehicle.id && row.slam && !anchors.empty() && row.t_s <= anchors.back()->stamp_s;
   });
   if (last != rows.rend())
     text += " Where the last segment ends, the ellipse of the drift reaches " +
-            metres_text(reach_m(drift_covariance(*anchors.back(), placement))) + ", that of the SLAM alone " +
-            metres_text(reach_m(position_covariance(*last->slam))) + ".";
+            metres_text(reach_m(from_above(drift_covariance(*anchors.back(), placement)))) +
+            ", that of the SLAM alone " + metres_text(reach_m(from_above(position_covariance(*last->slam)))) + ".";
   if (drift.judged == 0 && slam.judged == 0) text += " There is no pose truth to judge the ellipses by.";
   return text;
 }
 
 }  // namespace
 
-Figure drift_of_first(const RunRecord& run, const Evaluation& evaluation) {
-  const VehicleRecord& vehicle = run.vehicles.front();
+template <class G>
+Figure drift_of_first(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
+  const VehicleRecord<G>& vehicle = run.vehicles.front();
   return {
       "Drift of " + the_vehicle(run, vehicle.id) + " (paper, Fig. 10)", drift_drawing(run, evaluation, vehicle),
       "SLAM-only trajectory before any fusion, with the 95 % ellipses of the position by the drift model (solid) and, "
       "in the zoom, by the SLAM alone (dashed)." +
-          drift_findings(run, vehicle, placement_of(run, evaluation, vehicle))};
+          drift_findings(run, vehicle, placement_of(run, evaluation, vehicle)) + seen_from_above<G>()};
 }
 
 namespace {
 
-std::string small_drift_drawing(const RunRecord& run, const Evaluation& evaluation, const VehicleRecord& vehicle,
-                                double width) {
+template <class G>
+std::string small_drift_drawing(const RunRecord<G>& run, const Evaluation<G>& evaluation,
+                                const VehicleRecord<G>& vehicle, double width) {
   SvgPlot plot(width, small_map_height);
   plot.equal_aspect(small_map_height, small_map_height);
   plot.title(vehicle_name(run, vehicle.id));
   metres(plot);
   plot.no_legend();
   const std::string color = vehicle_color(run, vehicle.id);
-  const Placement placement = placement_of(run, evaluation, vehicle);
+  const Placement<G> placement = placement_of(run, evaluation, vehicle);
   if (placement.T_frame_world) plot.line(truth_path(vehicle, *placement.T_frame_world), truth_style());
   plot.line(slam_path(vehicle, placement.T_frame_slam), {color, 1.2, "", 0.75});
-  for (const MapAnchor* anchor : spread(anchors_of(run, vehicle.id), 8))
-    plot.ellipse(placement.T_frame_slam * anchor->T_slam_body->translation(), drift_covariance(*anchor, placement),
-                 {color, 2.2});
+  for (const MapAnchor<G>* anchor : spread(anchors_of(run, vehicle.id), 8))
+    plot.ellipse(from_above(placement.T_frame_slam * anchor->T_slam_body->translation()),
+                 from_above(drift_covariance(*anchor, placement)), {color, 2.2});
   return plot.svg();
 }
 
 }  // namespace
 
-Figure drift_of_others(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+Figure drift_of_others(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   Figure figure;
   if (!crowded(run)) {
-    const VehicleRecord& vehicle = run.vehicles.back();
+    const VehicleRecord<G>& vehicle = run.vehicles.back();
     figure.title = "Drift of " + the_vehicle(run, vehicle.id) + " (paper, Fig. 11)";
     figure.body = drift_drawing(run, evaluation, vehicle);
-    const Placement placement = placement_of(run, evaluation, vehicle);
+    const Placement<G> placement = placement_of(run, evaluation, vehicle);
     figure.caption =
         (placement.by_prior ? "SLAM-only trajectory, placed in the common frame by its static prior alone; the dashed "
                               "ellipse around its start is all that is known of that (95 %)."
                             : "SLAM-only trajectory in the frame in which it started.") +
-        drift_findings(run, vehicle, placement);
+        drift_findings(run, vehicle, placement) + seen_from_above<G>();
     return figure;
   }
   figure.title = "Drift of the other robots (paper, Fig. 11)";
   Share held;
   for (std::size_t i = 1; i < run.vehicles.size(); ++i) {
-    const VehicleRecord& vehicle = run.vehicles[i];
+    const VehicleRecord<G>& vehicle = run.vehicles[i];
     const Share own = held_by_drift(run, vehicle, placement_of(run, evaluation, vehicle));
     held.held += own.held;
     held.judged += own.judged;
@@ -262,7 +282,8 @@ Figure drift_of_others(const RunRecord& run, const Evaluation& evaluation) {
       "frame before the first association." +
       (held.judged > 0 ? " At the ends of their segments, " + held.text() +
                              " true positions lie within the ellipse of the drift model."
-                       : " There is no pose truth to judge the ellipses by.");
+                       : " There is no pose truth to judge the ellipses by.") +
+      seen_from_above<G>();
   const std::string first_color = vehicle_color(run, run.vehicles[1].id);
   figure.body = key_of({{truth_style(), "ground truth"},
                         {{first_color, 1.2, "", 0.75}, "SLAM, in the colour of its robot"},
@@ -282,12 +303,14 @@ namespace {
 
 struct CommonLandmarks {
   std::set<Key> paired;
-  std::vector<std::pair<Point, Point>> lines;
+  std::vector<std::pair<Point, Point>> lines;  ///< between the members of each pairing, from above
+  std::vector<double> lengths_m;
 };
 
-CommonLandmarks pairings_found(const MapRecord& map) {
-  std::map<Key, Point> place;
-  for (const MapLandmark& landmark : map.landmarks)
+template <class G>
+CommonLandmarks pairings_found(const MapRecord<G>& map) {
+  std::map<Key, typename G::Point> place;
+  for (const MapLandmark<G>& landmark : map.landmarks)
     if (landmark.p_common_m) place[landmark.key] = *landmark.p_common_m;
   CommonLandmarks result;
   for (const MapAssociation& association : map.associations) {
@@ -296,20 +319,22 @@ CommonLandmarks pairings_found(const MapRecord& map) {
       if (!place.contains(one) || !place.contains(other)) continue;
       result.paired.insert(one);
       result.paired.insert(other);
-      result.lines.push_back({place[one], place[other]});
+      result.lines.push_back({from_above(place[one]), from_above(place[other])});
+      result.lengths_m.push_back((place[one] - place[other]).norm());
     }
   }
   return result;
 }
 
-void draw_map_landmarks(SvgPlot& plot, const RunRecord& run, const MapRecord& map) {
+template <class G>
+void draw_map_landmarks(SvgPlot& plot, const RunRecord<G>& run, const MapRecord<G>& map) {
   const CommonLandmarks common = pairings_found(map);
   std::map<VehicleId, std::vector<Point>> landmarks;
   std::vector<Point> shared;
-  for (const MapLandmark& landmark : map.landmarks) {
+  for (const MapLandmark<G>& landmark : map.landmarks) {
     if (!landmark.p_common_m) continue;
-    landmarks[landmark.key.chain.vehicle].push_back(*landmark.p_common_m);
-    if (common.paired.contains(landmark.key)) shared.push_back(*landmark.p_common_m);
+    landmarks[landmark.key.chain.vehicle].push_back(from_above(*landmark.p_common_m));
+    if (common.paired.contains(landmark.key)) shared.push_back(from_above(*landmark.p_common_m));
   }
   // Members of a pairing lie so near to one another that a line between them would hide under full dots.
   const double radius = 2.0;
@@ -320,53 +345,57 @@ void draw_map_landmarks(SvgPlot& plot, const RunRecord& run, const MapRecord& ma
 }
 
 /// How many pairings are drawn, and how long their lines are.
-std::string pairing_findings(const MapRecord& map) {
+template <class G>
+std::string pairing_findings(const MapRecord<G>& map) {
   const CommonLandmarks common = pairings_found(map);
   if (common.lines.empty()) return " No landmark has been found common yet.";
-  std::vector<double> lengths;
-  for (const auto& [one, other] : common.lines) lengths.push_back((one - other).norm());
+  std::vector<double> lengths = common.lengths_m;
   std::sort(lengths.begin(), lengths.end());
   return " Red rings: " + std::to_string(common.paired.size()) + " landmarks in " + std::to_string(lengths.size()) +
          " pairings found between submaps, with a red line between the two members of each: " +
          metres_text(lengths[lengths.size() / 2]) + " long in the median, " + metres_text(lengths.back()) + " at most.";
 }
 
-std::vector<const PoseRow*> aligned_rows(const VehicleRecord& vehicle) {
-  std::vector<const PoseRow*> rows;
-  for (const PoseRow& row : own_rows(vehicle))
+template <class G>
+std::vector<const PoseRow<G>*> aligned_rows(const VehicleRecord<G>& vehicle) {
+  std::vector<const PoseRow<G>*> rows;
+  for (const PoseRow<G>& row : own_rows(vehicle))
     if (row.vehicle == vehicle.id && row.common) rows.push_back(&row);
   return rows;
 }
 
-void draw_common_map(SvgPlot& plot, const RunRecord& run, const Evaluation& evaluation, const MapRecord& map,
+template <class G>
+void draw_common_map(SvgPlot& plot, const RunRecord<G>& run, const Evaluation<G>& evaluation, const MapRecord<G>& map,
                      std::size_t ellipses) {
   const bool many = crowded(run);
   draw_map_landmarks(plot, run, map);
-  for (const VehicleRecord& vehicle : run.vehicles)
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
     plot.line(common_path(vehicle), {vehicle_color(run, vehicle.id), many ? 0.9 : 2.4, "", many ? 0.55 : 1.0},
               vehicle_name(run, vehicle.id));
-  for (const VehicleRecord& vehicle : run.vehicles)
-    for (const PoseRow* row : spread(aligned_rows(vehicle), ellipses))
-      plot.ellipse(row->common->T.translation(), position_covariance(*row->common),
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
+    for (const PoseRow<G>* row : spread(aligned_rows(vehicle), ellipses))
+      plot.ellipse(from_above(row->common->T.translation()), from_above(position_covariance(*row->common)),
                    {vehicle_color(run, vehicle.id), 1.4});
   if (!evaluation.T_world_common) return;
-  const SE2 T_common_world = evaluation.T_world_common->inverse();
-  for (const VehicleRecord& vehicle : run.vehicles)
+  const G T_common_world = evaluation.T_world_common->inverse();
+  for (const VehicleRecord<G>& vehicle : run.vehicles)
     if (!vehicle.truth.empty())
       plot.line(truth_path(vehicle, T_common_world), {truth_color, many ? 0.8 : 1.0, "", many ? 0.55 : 1.0},
                 "ground truth");
   if (!many || run.landmarks.size() > 60) return;
   std::vector<Point> places;
-  for (const TruthLandmark& landmark : run.landmarks) places.push_back(T_common_world * landmark.p_world_m);
+  for (const TruthLandmark<G>& landmark : run.landmarks)
+    places.push_back(from_above(T_common_world * landmark.p_world_m));
   plot.rings(places, 7.0, {truth_color, 1.1}, "true landmarks");
 }
 
 }  // namespace
 
-Figure common_map(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+Figure common_map(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   Figure figure;
   figure.title = "The common map (paper, Fig. 12)";
-  const VehicleRecord* survivor = run.first_survivor();
+  const VehicleRecord<G>* survivor = run.first_survivor();
   if (!survivor) {
     figure.caption = "No vehicle left a map.";
     return figure;
@@ -374,8 +403,8 @@ Figure common_map(const RunRecord& run, const Evaluation& evaluation) {
   figure.caption = "The map as " + the_vehicle(run, survivor->id) +
                    " holds it in the end: corrected trajectories with 95 % ellipses, and landmarks in the colour of "
                    "who mapped them." +
-                   pairing_findings(*survivor->map);
-  const MapRecord& map = *survivor->map;
+                   pairing_findings(*survivor->map) + seen_from_above<G>();
+  const MapRecord<G>& map = *survivor->map;
   const auto rows = aligned_rows(run.vehicles.back());
   if (crowded(run) || rows.empty()) {
     SvgPlot plot(page_width, 640.0);
@@ -389,14 +418,22 @@ Figure common_map(const RunRecord& run, const Evaluation& evaluation) {
   whole.equal_aspect(260.0, 560.0);
   metres(whole);
   draw_common_map(whole, run, evaluation, map, 10);
-  const PoseEstimate& pose = *rows[rows.size() * 3 / 4]->common;
+  const PoseEstimate<G>& pose = *rows[rows.size() * 3 / 4]->common;
   const Window window =
-      window_around(pose.T.translation(), std::clamp(12.0 * std::sqrt(position_covariance(pose).trace()), 2.0, 15.0));
+      window_around(from_above(pose.T.translation()),
+                    std::clamp(12.0 * std::sqrt(from_above(position_covariance(pose)).trace()), 2.0, 15.0));
   whole.box(window.first, window.second, {"#52606d", 1.2}, "zoom");
   const std::string zoom = zoom_drawing(window, "zoom; ellipses: 95 %, fused",
                                         [&](SvgPlot& plot) { draw_common_map(plot, run, evaluation, map, 150); });
   figure.body = row_of(cell(whole.svg(), "two-thirds") + cell(zoom, "third"));
   return figure;
 }
+
+#define CONVOY_INSTANTIATE(G)                                                 \
+  template Figure slam_only(const RunRecord<G>&, const Evaluation<G>&);       \
+  template Figure drift_of_first(const RunRecord<G>&, const Evaluation<G>&);  \
+  template Figure drift_of_others(const RunRecord<G>&, const Evaluation<G>&); \
+  template Figure common_map(const RunRecord<G>&, const Evaluation<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli::figures

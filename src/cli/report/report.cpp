@@ -133,7 +133,8 @@ std::string show_integrity(const json& vehicle) {
   return text;
 }
 
-std::string vehicle_table(const RunRecord& run, const json& m) {
+template <class G>
+std::string vehicle_table(const RunRecord<G>& run, const json& m) {
   std::vector<Row> rows;
   for (const json& v : m.at("vehicles"))
     rows.push_back({vehicle_name(run, v.at("id")) + (v.at("lost") == json(true) ? " (lost)" : ""),
@@ -151,14 +152,16 @@ std::string vehicle_table(const RunRecord& run, const json& m) {
 }
 
 /// What a gauge is, and why one of them may be hard on the common-frame vehicle.
-std::string vehicle_note(const RunRecord& run, const json& m) {
+template <class G>
+std::string vehicle_note(const RunRecord<G>& run, const json& m) {
   return "<p class=\"note\">Gauge start lays the truth onto the true start of " +
          xml_escaped(the_vehicle(run, run.common_frame_vehicle)) +
          ", gauge fit onto all corrected trajectories by one rigid motion; this run is judged in gauge " +
          show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + "</p>\n";
 }
 
-std::string pair_table(const RunRecord& run, const json& m) {
+template <class G>
+std::string pair_table(const RunRecord<G>& run, const json& m) {
   std::vector<Row> rows;
   for (const json& p : m.at("pairs"))
     rows.push_back({vehicle_name(run, p.at("a")) + " \u2013 " + vehicle_name(run, p.at("b")),
@@ -195,14 +198,15 @@ std::string fleet_table(const json& m) {
        {"vehicle time / wall time", show(m.at("vehicle_s"), 1, "s") + " / " + show(m.at("wall_s"), 1, "s")}});
 }
 
-std::string source_line(const RunRecord& run) {
+template <class G>
+std::string source_line(const RunRecord<G>& run) {
   std::string text = "Scenario " + run.scenario;
   if (run.info.contains("source") && run.info.at("source").is_string())
-    text += ", " + run.info.at("source").get<std::string>();
+    text += ", " + run.info.at("source").template get<std::string>();
   if (run.info.contains("seed") && run.info.at("seed").is_number()) text += ", seed " + show(run.info.at("seed"), 0);
   if (run.info.contains("impair") && run.info.at("impair").is_string() &&
-      !run.info.at("impair").get<std::string>().empty())
-    text += ", impaired exchange: " + run.info.at("impair").get<std::string>();
+      !run.info.at("impair").template get<std::string>().empty())
+    text += ", impaired exchange: " + run.info.at("impair").template get<std::string>();
   return text + ".";
 }
 
@@ -238,7 +242,8 @@ std::string sentence_case(std::string text) {
 }
 
 /// What the fleet came to, without a full stop: one map, or the first thing that is in its way.
-std::string outcome(const RunRecord& run, const json& m) {
+template <class G>
+std::string outcome(const RunRecord<G>& run, const json& m) {
   const std::string fleet = run.vehicles.size() == 1
                                 ? "One vehicle "
                                 : count_word(run.vehicles.size()) + " vehicles that did not know where the others started ";
@@ -256,7 +261,8 @@ std::string outcome(const RunRecord& run, const json& m) {
 
 }  // namespace
 
-std::string headline(const RunRecord& run, const json& m) {
+template <class G>
+std::string headline(const RunRecord<G>& run, const json& m) {
   std::string text = outcome(run, m);
   if (const std::string distances = of_distances(m.at("pairs")); !distances.empty()) {
     text += distances;
@@ -291,7 +297,8 @@ std::string headline(const RunRecord& run, const json& m) {
   return text;
 }
 
-std::string make_report(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   const json& m = evaluation.metrics;
   std::string page =
       "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n"
@@ -308,8 +315,15 @@ std::string make_report(const RunRecord& run, const Evaluation& evaluation) {
   return page + "</body>\n</html>\n";
 }
 
-void write_report(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+void write_report(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   write_text_file(run.folder / "report.html", make_report(run, evaluation));
 }
+
+#define CONVOY_INSTANTIATE(G)                                                  \
+  template std::string headline(const RunRecord<G>&, const json&);             \
+  template std::string make_report(const RunRecord<G>&, const Evaluation<G>&); \
+  template void write_report(const RunRecord<G>&, const Evaluation<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

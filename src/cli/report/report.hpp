@@ -9,12 +9,15 @@
 namespace convoy::cli {
 
 /// The page as text.
-std::string make_report(const RunRecord& run, const Evaluation& evaluation);
+template <class G>
+std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation);
 
 /// Writes RUN/report.html. Throws ConfigError.
-void write_report(const RunRecord& run, const Evaluation& evaluation);
+template <class G>
+void write_report(const RunRecord<G>& run, const Evaluation<G>& evaluation);
 
 /// The result in one or two sentences of plain text, for the head of the page and for a terminal.
-std::string headline(const RunRecord& run, const nlohmann::json& metrics);
+template <class G>
+std::string headline(const RunRecord<G>& run, const nlohmann::json& metrics);
 
 }  // namespace convoy::cli

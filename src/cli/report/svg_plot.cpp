@@ -183,6 +183,13 @@ void SvgPlot::band(double y_low, double y_high, const Style& style, const std::s
   add(Kind::band, {{0.0, y_low}, {0.0, y_high}}, 0.0, style, legend, false);
 }
 
+void SvgPlot::ribbon(const std::vector<Point>& low, const std::vector<Point>& high, const Style& style,
+                     const std::string& legend) {
+  std::vector<Point> outline = low;
+  outline.insert(outline.end(), high.rbegin(), high.rend());
+  add(Kind::ribbon, std::move(outline), 0.0, style, legend);
+}
+
 void SvgPlot::vertical(double x, const Style& style, const std::string& legend) {
   add(Kind::vertical, {{x, 0.0}}, 0.0, style, legend, false);
 }
@@ -299,6 +306,7 @@ void SvgPlot::draw_legend(std::string& out, const Frame& frame) const {
                  px(std::max(3.0, item->radius_px)) + "\" fill=\"none\"" + stroke(item->style) + "/>\n";
           break;
         case Kind::band:
+        case Kind::ribbon:
           out += "<rect x=\"" + px(x) + "\" y=\"" + px(middle - 5) + "\" width=\"20\" height=\"10\"" +
                  fill(item->style) + "/>\n";
           break;
@@ -366,6 +374,13 @@ void SvgPlot::draw_item(std::string& out, const Item& item, const Frame& frame) 
       const double top = std::clamp(at[1].y(), 0.0, frame.height), bottom = std::clamp(at[0].y(), 0.0, frame.height);
       out += "<rect x=\"0\" y=\"" + px(top) + "\" width=\"" + px(frame.width) + "\" height=\"" + px(bottom - top) +
              "\"" + fill(item.style) + "/>\n";
+      break;
+    }
+    case Kind::ribbon: {
+      std::string corners;
+      for (const Point& p : at)
+        if (finite(p)) corners += px(p.x()) + "," + px(p.y()) + " ";
+      if (!corners.empty()) out += "<polygon" + fill(item.style) + " points=\"" + corners + "\"/>\n";
       break;
     }
     case Kind::vertical:

@@ -66,6 +66,9 @@ class SvgPlot {
                const std::string& legend = {});
   /// A shaded range of y over the whole width; does not widen the axes.
   void band(double y_low, double y_high, const Style& style, const std::string& legend = {});
+  /// The shaded area between two lines of equally many points.
+  void ribbon(const std::vector<Point>& low, const std::vector<Point>& high, const Style& style,
+              const std::string& legend = {});
   /// A vertical line over the whole height; does not widen the axes.
   void vertical(double x, const Style& style, const std::string& legend = {});
   /// A frame around an area, at least 12 px large.
@@ -75,7 +78,7 @@ class SvgPlot {
   std::string svg() const;
 
  private:
-  enum class Kind { line, dots, rings, segments, band, vertical, box };
+  enum class Kind { line, dots, rings, segments, band, ribbon, vertical, box };
   struct Item {
     Kind kind;
     std::vector<Point> points;

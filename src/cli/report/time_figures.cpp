@@ -29,7 +29,8 @@ std::vector<Point> block_means(const std::vector<TimedValue>& seconds, std::size
 }
 
 /// The most in any one second: in the first one, which holds all that came before it as well, and later.
-std::string traffic_findings(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+std::string traffic_findings(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   double first = 0.0, later = 0.0;
   for (const auto& [id, seconds] : evaluation.bytes_per_s)
     for (std::size_t i = 0; i < seconds.size(); ++i)
@@ -47,13 +48,14 @@ std::string traffic_findings(const RunRecord& run, const Evaluation& evaluation)
 
 }  // namespace
 
-Figure bytes_sent(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+Figure bytes_sent(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   SvgPlot plot(page_width, 320.0);
   plot.x_label("time [s]");
   const std::size_t block = crowded(run) ? 10 : 1;
   plot.y_label(block == 1 ? "sent in each second [byte]" : "sent per second, mean of 10 s [byte]");
   plot.include({0.0, 0.0});
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     std::vector<Point> points;
     if (const auto it = evaluation.bytes_per_s.find(vehicle.id); it != evaluation.bytes_per_s.end())
       points = block_means(it->second, block);
@@ -89,7 +91,8 @@ void draw_distances(SvgPlot& plot, const PairSeries& pair, double width) {
 }
 
 /// How well blue lies on black once vehicles are associated, and why lines have gaps.
-std::string distance_findings(const Evaluation& evaluation, const std::vector<const PairSeries*>& pairs) {
+template <class G>
+std::string distance_findings(const Evaluation<G>& evaluation, const std::vector<const PairSeries*>& pairs) {
   std::string text;
   const auto range = [&evaluation](const char* key) {
     json best, worst;
@@ -127,7 +130,8 @@ std::string distance_findings(const Evaluation& evaluation, const std::vector<co
 
 }  // namespace
 
-Figure distances(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+Figure distances(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   Figure figure;
   figure.title = "Distance between vehicles (paper, Fig. 14)";
   std::vector<const PairSeries*> drawable;
@@ -170,17 +174,18 @@ namespace {
 
 }  // namespace
 
-Figure consistency(const RunRecord& run, const Evaluation& evaluation) {
+template <class G>
+Figure consistency(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   SvgPlot plot(page_width, 340.0);
   plot.x_label("time [s]");
   plot.y_label("NEES of the live pose");
   plot.log_y(0.01);
-  const double low = chi2_quantile(0.025, 3.0), high = chi2_quantile(0.975, 3.0);
+  const double low = chi2_quantile(0.025, G::Dof), high = chi2_quantile(0.975, G::Dof);
   plot.band(low, high, {"#2f9e63", 1.0, "", 0.13}, "95 % of a consistent estimate");
   plot.include({0.0, 0.05});
   plot.include({0.0, 20.0});
   bool any = false;
-  for (const VehicleRecord& vehicle : run.vehicles) {
+  for (const VehicleRecord<G>& vehicle : run.vehicles) {
     std::vector<Point> points;
     if (const auto it = evaluation.live_nees.find(vehicle.id); it != evaluation.live_nees.end())
       for (const TimedValue& sample : it->second) {
@@ -190,16 +195,24 @@ Figure consistency(const RunRecord& run, const Evaluation& evaluation) {
     any = any || !points.empty();
     plot.line(points, {vehicle_color(run, vehicle.id), 1.3, "", 0.9}, vehicle_name(run, vehicle.id));
   }
-  Figure figure{"Consistency over time", plot.svg(),
-                "Normalised squared error of each vehicle's own live pose in the common frame (3 degrees of freedom, "
-                "logarithmic); above the band the vehicle is surer of itself than it may be, below it is more cautious "
-                "than needed." +
-                    (evaluation.metrics.at("gauge") != json("fit")
-                         ? ""
-                         : " Judged in gauge fit, which counts against the first poses of " +
-                               the_vehicle(run, run.common_frame_vehicle) + ": see below the table of vehicles.")};
+  Figure figure{
+      "Consistency over time", plot.svg(),
+      "Normalised squared error of each vehicle's own live pose in the common frame (" + std::to_string(G::Dof) +
+          " degrees of freedom, "
+          "logarithmic); above the band the vehicle is surer of itself than it may be, below it is more cautious "
+          "than needed." +
+          (evaluation.metrics.at("gauge") != json("fit")
+               ? ""
+               : " Judged in gauge fit, which counts against the first poses of " +
+                     the_vehicle(run, run.common_frame_vehicle) + ": see below the table of vehicles.")};
   if (!any) figure = {figure.title, "", "There is no pose truth to judge the live poses by."};
   return figure;
 }
+
+#define CONVOY_INSTANTIATE(G)                                            \
+  template Figure bytes_sent(const RunRecord<G>&, const Evaluation<G>&); \
+  template Figure distances(const RunRecord<G>&, const Evaluation<G>&);  \
+  template Figure consistency(const RunRecord<G>&, const Evaluation<G>&);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli::figures

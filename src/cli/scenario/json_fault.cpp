@@ -33,6 +33,7 @@ std::string json_fault(const nlohmann::json::exception& error, std::string_view 
   if (!wanted.empty()) return "a value is of kind " + found + " where " + wanted + " should be";
   if (const std::string kind = between(message, "cannot use at() with ", ""); !kind.empty())
     return "a value is of kind " + kind + " where a list or an object should be";
+  if (error.id == 501) return "it holds " + between(message, "] ", "");  // see pose_from_list()
   return "a value is of another kind than it should be";
 }
 

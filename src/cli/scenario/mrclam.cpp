@@ -35,8 +35,8 @@ SubjectOfBarcode read_barcodes(const fs::path& file) {
   return subjects;
 }
 
-std::vector<TruthLandmark> read_landmark_truth(const fs::path& file) {
-  std::vector<TruthLandmark> landmarks;
+std::vector<TruthLandmark<SE2>> read_landmark_truth(const fs::path& file) {
+  std::vector<TruthLandmark<SE2>> landmarks;
   for (TableFile table(file, dat_format(5)); table.next();) {
     if (!is_landmark(table.small_number(0))) table.refuse("the subject of a landmark must be 6 to 20");
     landmarks.push_back({table.small_number(0), {table.number(1), table.number(2)}});
@@ -69,7 +69,7 @@ struct Files {
   }
 };
 
-void read_odometry(const fs::path& file, double max_step_back_s, VehicleLog& log) {
+void read_odometry(const fs::path& file, double max_step_back_s, VehicleLog<SE2>& log) {
   StampCheck stamps(max_step_back_s);
   for (TableFile table(file, dat_format(3)); table.next();)
     log.sensors.push_back(
@@ -78,7 +78,7 @@ void read_odometry(const fs::path& file, double max_step_back_s, VehicleLog& log
 }
 
 void read_measurements(const fs::path& file, const SubjectOfBarcode& subjects, double max_step_back_s,
-                       VehicleLog& log) {
+                       VehicleLog<SE2>& log) {
   StampCheck stamps(max_step_back_s);
   for (TableFile table(file, dat_format(4)); table.next();) {
     const double stamp_s = stamps.check(table, table.number(0));
@@ -92,14 +92,14 @@ void read_measurements(const fs::path& file, const SubjectOfBarcode& subjects, d
   }
 }
 
-void read_pose_truth(const fs::path& file, double max_step_back_s, VehicleLog& log) {
+void read_pose_truth(const fs::path& file, double max_step_back_s, VehicleLog<SE2>& log) {
   StampCheck stamps(max_step_back_s);
   for (TableFile table(file, dat_format(4)); table.next();)
     log.truth.push_back({stamps.check(table, table.number(0)), SE2(table.number(1), table.number(2), table.number(3))});
 }
 
-VehicleLog read_robot(const Files& file, const SubjectOfBarcode& subjects, double max_step_back_s) {
-  VehicleLog log;
+VehicleLog<SE2> read_robot(const Files& file, const SubjectOfBarcode& subjects, double max_step_back_s) {
+  VehicleLog<SE2> log;
   log.id = file.robot;
   read_odometry(file("Odometry"), max_step_back_s, log);
   read_measurements(file("Measurement"), subjects, max_step_back_s, log);
@@ -110,9 +110,9 @@ VehicleLog read_robot(const Files& file, const SubjectOfBarcode& subjects, doubl
   return log;
 }
 
-double first_odometry_stamp(const std::vector<VehicleLog>& vehicles) {
+double first_odometry_stamp(const std::vector<VehicleLog<SE2>>& vehicles) {
   double first_s = std::numeric_limits<double>::infinity();
-  for (const VehicleLog& log : vehicles)
+  for (const VehicleLog<SE2>& log : vehicles)
     for (const SensorEvent& event : log.sensors)
       if (event.kind == SensorEvent::Kind::odometry) {
         first_s = std::min(first_s, event.t_s);
@@ -126,10 +126,10 @@ double since(double stamp_s, double origin_s) { return std::round((stamp_s - ori
 
 }  // namespace
 
-Scenario load_mrclam(const fs::path& folder, double max_step_back_s) {
+Scenario<SE2> load_mrclam(const fs::path& folder, double max_step_back_s) {
   if (!fs::is_directory(folder))
     throw ConfigError(folder.string() + ": no such folder; give the folder of one MR.CLAM data set");
-  Scenario scenario;
+  Scenario<SE2> scenario;
   scenario.name = "mrclam";
   scenario.source = fs::weakly_canonical(folder).filename().string();
   const SubjectOfBarcode subjects = read_barcodes(folder / "Barcodes.dat");
@@ -142,10 +142,10 @@ Scenario load_mrclam(const fs::path& folder, double max_step_back_s) {
     throw ConfigError(folder.string() + ": holds no RobotN_Odometry.dat; give the folder of one MR.CLAM data set");
 
   const double origin_s = first_odometry_stamp(scenario.vehicles);
-  for (VehicleLog& log : scenario.vehicles) {
+  for (VehicleLog<SE2>& log : scenario.vehicles) {
     std::erase_if(log.sensors, [origin_s](const SensorEvent& event) { return event.t_s < origin_s; });
     for (SensorEvent& event : log.sensors) event.t_s = since(event.t_s, origin_s);
-    for (TruthPose& pose : log.truth) pose.t_s = since(pose.t_s, origin_s);
+    for (TruthPose<SE2>& pose : log.truth) pose.t_s = since(pose.t_s, origin_s);
     scenario.duration_s = std::max(scenario.duration_s, log.sensors.back().t_s);
   }
   scenario.common_frame_vehicle = scenario.vehicles.front().id;

@@ -16,6 +16,6 @@ namespace convoy::cli {
 /// - Stamps that step back by at most `max_step_back_s` are sorted (stable); further back is refused.
 /// - There are no priors: nobody knows where the robots start. The common frame is that of the smallest robot number.
 /// Throws ConfigError with file:line if a file is missing, cut or malformed.
-Scenario load_mrclam(const std::filesystem::path& folder, double max_step_back_s = 1.0);
+Scenario<SE2> load_mrclam(const std::filesystem::path& folder, double max_step_back_s = 1.0);
 
 }  // namespace convoy::cli

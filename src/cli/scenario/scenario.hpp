@@ -1,7 +1,7 @@
 // A scenario: what the sensors of a fleet deliver, and the truth they are judged by. A simulator (street.hpp) or a
 // recorded data set (mrclam.hpp) makes one; written to a run folder, it is all that the vehicle processes get to see.
 //
-//   RUN/scenario.json            name, source, seed, duration, static priors, what was dropped on loading
+//   RUN/scenario.json            name, source, seed, dimension, duration, static priors, what was dropped on loading
 //   RUN/truth/landmarks.csv      id,x_m,y_m
 //   RUN/truth/vehicle_<id>.csv   t_s,x_m,y_m,theta_rad              (absent if there is no pose truth)
 //   RUN/vehicle_<id>/sensors.csv t_s,kind,a,b,c                     by time; kind and a, b, c:
@@ -9,15 +9,26 @@
 //                                  sighting  track, range_m, bearing_rad
 //                                  fix       east_m, north_m, sigma_m     of the receiver's antenna (GPS)
 //                                  encounter vehicle, range_m, bearing_rad   of another vehicle
+// and in space
+//   RUN/truth/landmarks.csv      id,x_m,y_m,z_m
+//   RUN/truth/vehicle_<id>.csv   t_s,x_m,y_m,z_m,qw,qx,qy,qz
+//   RUN/vehicle_<id>/sensors.csv t_s,kind,a,b,c,d
+//                                  odometry  v_m_s, omega_rad_s, (empty), (empty)
+//                                  sighting  track, range_m, bearing_rad, elevation_rad
+//                                  fix       east_m, north_m, up_m, sigma_m
+//                                  encounter vehicle, range_m, bearing_rad, elevation_rad
 #pragma once
 
-#include <convoy/geometry/se2.hpp>
+#include <convoy/geometry/groups.hpp>
 #include <convoy/submap/facts.hpp>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
+
+#include <nlohmann/json.hpp>
 
 namespace convoy::cli {
 
@@ -33,78 +44,126 @@ struct SensorEvent {
   std::uint32_t track = 0;   ///< what the tracker calls the landmark; means nothing to any other vehicle; or the vehicle's id
   double range_m = 0.0;      ///< > 0 [m]
   double bearing_rad = 0.0;  ///< from straight ahead, left positive [rad]
+  double elevation_rad = 0.0;  ///< in space: up positive, within +-pi/2 [rad]
   // fix: where a receiver of absolute positions says that its antenna is
   double east_m = 0.0;   ///< of the fleet's datum [m]
   double north_m = 0.0;  ///< of the fleet's datum [m]
-  double sigma_m = 0.0;  ///< of either, > 0 [m]
+  double up_m = 0.0;     ///< in space: of the fleet's datum [m]
+  double sigma_m = 0.0;  ///< of each, > 0 [m]
 
   static SensorEvent odometry(double t_s, double v_m_s, double omega_rad_s) {
-    return {t_s, Kind::odometry, v_m_s, omega_rad_s, 0, 0.0, 0.0};
+    return {.t_s = t_s, .kind = Kind::odometry, .v_m_s = v_m_s, .omega_rad_s = omega_rad_s};
   }
-  static SensorEvent sighting(double t_s, std::uint32_t track, double range_m, double bearing_rad) {
-    return {t_s, Kind::sighting, 0.0, 0.0, track, range_m, bearing_rad};
+  static SensorEvent sighting(double t_s, std::uint32_t track, double range_m, double bearing_rad,
+                              double elevation_rad = 0.0) {
+    return {.t_s = t_s,
+            .kind = Kind::sighting,
+            .track = track,
+            .range_m = range_m,
+            .bearing_rad = bearing_rad,
+            .elevation_rad = elevation_rad};
   }
-  static SensorEvent fix(double t_s, double east_m, double north_m, double sigma_m) {
-    return {t_s, Kind::fix, 0.0, 0.0, 0, 0.0, 0.0, east_m, north_m, sigma_m};
+  static SensorEvent fix(double t_s, double east_m, double north_m, double sigma_m, double up_m = 0.0) {
+    return {.t_s = t_s, .kind = Kind::fix, .east_m = east_m, .north_m = north_m, .up_m = up_m, .sigma_m = sigma_m};
   }
-  static SensorEvent encounter(double t_s, VehicleId vehicle, double range_m, double bearing_rad) {
-    return {t_s, Kind::encounter, 0.0, 0.0, vehicle, range_m, bearing_rad};
+  static SensorEvent encounter(double t_s, VehicleId vehicle, double range_m, double bearing_rad,
+                               double elevation_rad = 0.0) {
+    SensorEvent event = sighting(t_s, vehicle, range_m, bearing_rad, elevation_rad);
+    event.kind = Kind::encounter;
+    return event;
   }
   bool operator==(const SensorEvent&) const = default;
+
+  /// Of a sighting or an encounter: polar coordinates, see geometry/polar.hpp.
+  template <class G>
+  typename G::Point polar() const {
+    typename G::Point p;
+    p[G::Dim - 1] = elevation_rad;  // in the plane, the bearing takes its place
+    p[0] = range_m;
+    p[1] = bearing_rad;
+    return p;
+  }
+  /// Of a fix. [m]
+  template <class G>
+  typename G::Point place() const {
+    typename G::Point p;
+    p[G::Dim - 1] = up_m;  // in the plane, the north takes its place
+    p[0] = east_m;
+    p[1] = north_m;
+    return p;
+  }
 };
 
 /// The true pose of a vehicle in the world frame.
+template <class G>
 struct TruthPose {
   double t_s = 0.0;
-  SE2 T_world_body;
+  G T_world_body;
 };
 
 /// The true place of a landmark in the world frame.
+template <class G>
 struct TruthLandmark {
   std::uint32_t id = 0;
-  Eigen::Vector2d p_world_m = Eigen::Vector2d::Zero();
+  typename G::Point p_world_m = G::Point::Zero();
 };
 
 /// What is known beforehand of where a vehicle starts in the common frame (paper, Section II: static bias).
+template <class G>
 struct StaticPrior {
-  SE2 mean;                    ///< T_common_start
-  double sigma_x_m = 0.0;      ///< along the start heading [m]; all three 0: known exactly
-  double sigma_y_m = 0.0;      ///< [m]
-  double sigma_theta_rad = 0;  ///< [rad]
+  G mean;  ///< T_common_start
+  typename G::Tangent sigma =
+      G::Tangent::Zero();  ///< of a right perturbation (rho, theta) [m, rad]; all 0: known exactly
 };
 
+template <class G>
 struct VehicleLog {
   VehicleId id = 0;
   std::vector<SensorEvent> sensors;  ///< by time; odometry before sightings of the same time
-  std::vector<TruthPose> truth;      ///< by time; empty if unknown
-  std::optional<StaticPrior> prior;
+  std::vector<TruthPose<G>> truth;   ///< by time; empty if unknown
+  std::optional<StaticPrior<G>> prior;
   std::uint64_t dropped_unknown_sightings = 0;  ///< sightings whose code belongs to nothing
 };
 
+template <class G>
 struct Scenario {
   std::string name;    ///< "street" or "mrclam"
   std::string source;  ///< in words: parameters or folder
   std::uint64_t seed = 0;
-  std::vector<VehicleLog> vehicles;  ///< by id
-  std::vector<TruthLandmark> landmarks;
+  std::vector<VehicleLog<G>> vehicles;  ///< by id
+  std::vector<TruthLandmark<G>> landmarks;
   VehicleId common_frame_vehicle = 0;  ///< the common frame is the start frame of this vehicle
   double duration_s = 0.0;             ///< time of the last sensor event
 
   /// Writes the files listed above, each atomically. Throws ConfigError.
   void write(const std::filesystem::path& run_folder) const;
-  /// Reads them back. Throws ConfigError with file:line.
+  /// Reads them back. Throws ConfigError with file:line, also if the scenario is of the other dimension.
   static Scenario read(const std::filesystem::path& run_folder);
 
-  const VehicleLog* find(VehicleId id) const;
+  const VehicleLog<G>* find(VehicleId id) const;
 };
 
 /// Single files of the above, strict. Throw ConfigError with file:line.
+template <class G>
 std::vector<SensorEvent> read_sensors(const std::filesystem::path& file);
+template <class G>
 void write_sensors(const std::filesystem::path& file, const std::vector<SensorEvent>& sensors);
-std::vector<TruthPose> read_truth(const std::filesystem::path& file);
-void write_truth(const std::filesystem::path& file, const std::vector<TruthPose>& truth);
-std::vector<TruthLandmark> read_landmarks(const std::filesystem::path& file);
-void write_landmarks(const std::filesystem::path& file, const std::vector<TruthLandmark>& landmarks);
+template <class G>
+std::vector<TruthPose<G>> read_truth(const std::filesystem::path& file);
+template <class G>
+void write_truth(const std::filesystem::path& file, const std::vector<TruthPose<G>>& truth);
+template <class G>
+std::vector<TruthLandmark<G>> read_landmarks(const std::filesystem::path& file);
+template <class G>
+void write_landmarks(const std::filesystem::path& file, const std::vector<TruthLandmark<G>>& landmarks);
+
+/// The first line of sensors.csv.
+template <class G>
+inline constexpr std::string_view sensors_header = G::Dim == 2 ? "t_s,kind,a,b,c" : "t_s,kind,a,b,c,d";
+
+/// The entry 'dimension' of scenario.json or run.json; what has none is planar. Throws ConfigError if it is neither 2
+/// nor 3.
+int dimension_in(const std::filesystem::path& file, const nlohmann::json& json);
 
 /// RUN/vehicle_<id>, the folder of one vehicle.
 std::filesystem::path vehicle_folder(const std::filesystem::path& run_folder, VehicleId id);

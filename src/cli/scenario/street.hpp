@@ -3,6 +3,10 @@
 //
 // World frame = common frame: the start pose of the front vehicle (vehicle 1), x along the street. Vehicle 2 starts
 // at (-gap, 0, 0). Both drive at the same time along the centre line of an S-shaped course of straights and bends.
+//
+// In space the course is the same seen from above, and climbs and falls: at s metres (as seen from above) its grade is
+// max_grade sin(2 pi s / grade_wave_m), level and at height 0 where the front vehicle starts. A vehicle pitches with
+// the road and does not lean. Landmarks stand at different heights; what sees them sees how far above or below, too.
 #pragma once
 
 #include <cmath>
@@ -33,6 +37,11 @@ struct StreetParams {
   double landmark_near_m = 3.0;      ///< least distance to the centre line [m]
   double landmark_far_m = 9.0;       ///< greatest distance to the centre line [m]
 
+  // in space only
+  double max_grade = 0.06;         ///< rise per metre, 0..0.3
+  double grade_wave_m = 180.0;     ///< from one climb to the next, > 0 [m]
+  double landmark_height_m = 8.0;  ///< landmarks stand 0 to this much above the road beside them, >= 0 [m]
+
   // camera with a tracker, as range and bearing; a sighting's track is the landmark's number
   double camera_rate_hz = 10.0;
   double field_of_view_rad = 2.0 * M_PI / 3.0;  ///< full angle: +-60 degrees [rad]
@@ -43,6 +52,7 @@ struct StreetParams {
   double range_sigma_m = 0.05;  ///< standard deviation of a range r: range_sigma_m + range_sigma_share * r
   double range_sigma_share = 0.02;
   double bearing_sigma_rad = 0.5 * M_PI / 180.0;
+  double elevation_sigma_rad = 0.5 * M_PI / 180.0;  ///< in space only
 
   // odometer: mean body velocity from its stamp to the next
   double odometry_rate_hz = 20.0;
@@ -56,12 +66,15 @@ struct StreetParams {
   // static prior of the back vehicle (paper: "a 22-meter circle"): mean = the common frame's origin
   double prior_circle_m = 22.0;  ///< radius that holds 95 % of the probability [m]
   double prior_heading_sigma_rad = 0.3;
+  double prior_height_sigma_m = 1.0;   ///< in space only [m]
+  double prior_tilt_sigma_rad = 0.05;  ///< of roll and pitch each, in space only
 };
 
 /// The same arguments give the same scenario. Readings are rounded to 1e-6 of their unit, as a sensor's are, so that
 /// the last digit of a maths library does not show. Every draw belongs to a stream of its own, keyed by (seed,
 /// vehicle, sensor): changing the noise of one sensor leaves all other readings alone.
 /// Throws ConfigError if a parameter is out of its range.
-Scenario make_street(const StreetParams& params, std::uint64_t seed);
+template <class G>
+Scenario<G> make_street(const StreetParams& params, std::uint64_t seed);
 
 }  // namespace convoy::cli

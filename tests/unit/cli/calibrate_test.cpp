@@ -103,7 +103,7 @@ class TwoLaps {
     DriftAccumulator<SE2> accumulator(params_of_the_run());
     ChainState<SE2> state;
     SE2 truth(10.0, 20.0, 0.3);
-    trajectory_ = std::string(trajectory_header) + "\n";
+    trajectory_ = std::string(trajectory_header<SE2>) + "\n";
     labels_ = std::string(labels_header) + "\n";
     anchor(state, 0);
     for (int k = 0; k <= 680; ++k) {
@@ -116,19 +116,19 @@ class TwoLaps {
       truth_.push_back({0.1 * k, truth});
       if (k > 0 && k % 340 % 30 == 15) batch(state, truth, static_cast<std::uint32_t>(k % 340 / 30), k > 340);
       const SE2::Adjoint Ad = state.pose.inverse().adjoint();
-      const PoseEstimate slam{state.pose, Ad * state.drift * Ad.transpose()};
+      const PoseEstimate<SE2> slam{state.pose, Ad * state.drift * Ad.transpose()};
       std::string row;
       append_number(row, state.stamp_s);
       row += ",";
       append_number(row, state.abscissa_m);
-      trajectory_ += row + "," + test::csv_pose(slam) + "," + test::csv_pose(std::nullopt) + "\n";
+      trajectory_ += row + "," + test::csv_pose<SE2>(slam) + "," + test::csv_pose<SE2>(std::nullopt) + "\n";
     }
   }
 
   std::filesystem::path folder_;
   std::mt19937_64 random_;
-  std::vector<TruthPose> truth_;
-  std::vector<TruthLandmark> points_;
+  std::vector<TruthPose<SE2>> truth_;
+  std::vector<TruthLandmark<SE2>> points_;
   std::vector<std::uint32_t> first_lap_;
   std::string trajectory_, labels_, facts_;
   json associations_ = json::array();

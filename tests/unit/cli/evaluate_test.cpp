@@ -21,19 +21,19 @@ Eigen::Matrix3d diagonal(double x, double y, double theta) { return Eigen::Vecto
 
 /// Vehicle 1 drives along y = 10 of the world, vehicle 2 beside it, 5 m to the left; both start with heading 0 at
 /// x = 100. The common frame is vehicle 1's start. Estimates are true unless a test changes them.
-RunRecord straight_run() {
-  RunRecord run;
+RunRecord<SE2> straight_run() {
+  RunRecord<SE2> run;
   run.scenario = "street";
   run.common_frame_vehicle = 1;
   run.info = {{"seed", 4}, {"wall_s", 5.0}, {"vehicle_s", 100.0}, {"lost_vehicles", json::array()}};
   for (const VehicleId id : {1U, 2U}) {
-    VehicleRecord vehicle;
+    VehicleRecord<SE2> vehicle;
     vehicle.id = id;
     const double side_m = id == 1 ? 0.0 : 5.0;
     for (double t = 0.0; t <= duration_s; t += 0.25) vehicle.truth.push_back({t, SE2(100.0 + t, 10.0 + side_m, 0.0)});
     for (double t = 0.0; t <= duration_s; t += 1.0) {
-      const PoseEstimate common{SE2(t, side_m, 0.0), diagonal(0.04, 0.01, 0.0001)};
-      const PoseEstimate slam{SE2(t, 0.0, 0.0), diagonal(0.01, 0.01, 0.0001)};
+      const PoseEstimate<SE2> common{SE2(t, side_m, 0.0), diagonal(0.04, 0.01, 0.0001)};
+      const PoseEstimate<SE2> slam{SE2(t, 0.0, 0.0), diagonal(0.01, 0.01, 0.0001)};
       vehicle.live.push_back({t, id, t, slam, common});
       vehicle.trajectory.push_back({t, id, t, slam, common});
     }
@@ -45,7 +45,7 @@ RunRecord straight_run() {
 }
 
 /// Adds to each vehicle what it says of the other one.
-void let_them_hear_each_other(RunRecord& run) {
+void let_them_hear_each_other(RunRecord<SE2>& run) {
   const auto first = run.vehicles[0].live, second = run.vehicles[1].live;
   run.vehicles[0].live.insert(run.vehicles[0].live.end(), second.begin(), second.end());
   run.vehicles[1].live.insert(run.vehicles[1].live.end(), first.begin(), first.end());
@@ -54,7 +54,7 @@ void let_them_hear_each_other(RunRecord& run) {
 Pairing pairing(VehicleId a, std::uint32_t i, VehicleId b, std::uint32_t j) { return {Key{{a, 1}, i}, Key{{b, 1}, j}}; }
 
 TEST(Evaluate, APerfectRunHasNoError) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   let_them_hear_each_other(run);
   const json m = evaluate(run).metrics;
   EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.0, 1e-9);
@@ -68,11 +68,11 @@ TEST(Evaluate, APerfectRunHasNoError) {
 }
 
 TEST(Evaluate, AteIsTakenAfterOneRigidAlignmentOfTheFleet) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   const SE2 elsewhere(-40.0, 7.0, 1.1);  // must not matter
-  for (VehicleRecord& vehicle : run.vehicles)
+  for (VehicleRecord<SE2>& vehicle : run.vehicles)
     for (std::size_t i = 0; i < vehicle.trajectory.size(); ++i) {
-      PoseRow& row = vehicle.trajectory[i];
+      PoseRow<SE2>& row = vehicle.trajectory[i];
       // An error of 0.1 m along the way, forth and back, of vehicle 1 alone.
       const double error_m = vehicle.id == 1 ? (i % 2 == 0 ? 0.1 : -0.1) : 0.0;
       row.common->T = elsewhere * SE2(error_m, 0.0, 0.0) * row.common->T;
@@ -84,19 +84,19 @@ TEST(Evaluate, AteIsTakenAfterOneRigidAlignmentOfTheFleet) {
 }
 
 TEST(Evaluate, AnOffsetBetweenVehiclesIsNotAlignedAway) {
-  RunRecord run = straight_run();
-  for (PoseRow& row : run.vehicles[1].trajectory) row.common->T = SE2(0.0, 1.0, 0.0) * row.common->T;
+  RunRecord<SE2> run = straight_run();
+  for (PoseRow<SE2>& row : run.vehicles[1].trajectory) row.common->T = SE2(0.0, 1.0, 0.0) * row.common->T;
   const json m = evaluate(run).metrics;
   EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.5, 1e-6);
 }
 
 TEST(Evaluate, NeesIsMeasuredInTheBodyFrameAgainstItsCovariance) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   // sigma_x is 0.2 m: half of the poses are off by 2 sigma (NEES 4), half by 3 sigma (NEES 9).
   for (std::size_t i = 0; i < run.vehicles[0].live.size(); ++i)
     run.vehicles[0].live[i].common->T = SE2(run.vehicles[0].live[i].t_s - (i % 2 == 0 ? 0.4 : 0.6), 0.0, 0.0);
   run.vehicles[0].live.pop_back();  // an even number of them
-  const Evaluation evaluation = evaluate(run);
+  const Evaluation<SE2> evaluation = evaluate(run);
   const json& vehicle = evaluation.metrics.at("vehicles")[0];
   EXPECT_NEAR(vehicle.at("pose_anees").get<double>(), 6.5 / 3.0, 1e-9);
   EXPECT_NEAR(vehicle.at("pose_coverage95").get<double>(), 0.5, 1e-9);
@@ -107,7 +107,7 @@ TEST(Evaluate, NeesIsMeasuredInTheBodyFrameAgainstItsCovariance) {
 }
 
 TEST(Evaluate, PosesThatCannotBeJudgedAreLeftOutAndCounted) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles[0].live[0].common->P.setZero();  // known exactly
   run.vehicles[0].live[1].common.reset();       // not aligned yet
   run.vehicles[0].live[2].t_s = 1000.0;         // no truth there
@@ -117,10 +117,10 @@ TEST(Evaluate, PosesThatCannotBeJudgedAreLeftOutAndCounted) {
 }
 
 TEST(Evaluate, MrclamIsJudgedInTheFittedGauge) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.scenario = "mrclam";
   // The markers of vehicle 1 sit at an angle: the gauge at the start would turn the whole fleet by it.
-  for (TruthPose& pose : run.vehicles[0].truth) pose.T_world_body = pose.T_world_body * SE2(0.0, 0.0, 0.05);
+  for (TruthPose<SE2>& pose : run.vehicles[0].truth) pose.T_world_body = pose.T_world_body * SE2(0.0, 0.0, 0.05);
   const json m = evaluate(run).metrics;
   EXPECT_EQ(m.at("gauge"), "fit");
   EXPECT_NEAR(m.at("gauge_turn_rad").get<double>(), 0.05, 1e-6);
@@ -136,45 +136,45 @@ TEST(Evaluate, MrclamIsJudgedInTheFittedGauge) {
 }
 
 TEST(Evaluate, CorrectedDistancesAreOfTheWholeRunInBothDirections) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   // Vehicle 2 is 0.5 m too far aside, known between t = 20.5 and 60.5 alone, at stamps that vehicle 1 has not.
   auto& rows = run.vehicles[1].trajectory;
-  std::erase_if(rows, [](const PoseRow& row) { return row.t_s < 20.0 || row.t_s > 60.0; });
-  for (PoseRow& row : rows) {
+  std::erase_if(rows, [](const PoseRow<SE2>& row) { return row.t_s < 20.0 || row.t_s > 60.0; });
+  for (PoseRow<SE2>& row : rows) {
     row.t_s += 0.5;
     row.common->T = SE2(row.t_s, 5.5, 0.0);
   }
-  run.vehicles[0].map = MapRecord{};  // no association at all: what was known live does not matter
+  run.vehicles[0].map = MapRecord<SE2>{};  // no association at all: what was known live does not matter
   json pair = evaluate(run).metrics.at("pairs")[0];
   EXPECT_NEAR(pair.at("distance_rmse_corrected_m").get<double>(), 0.5, 1e-9);
   EXPECT_TRUE(pair.at("distance_rmse_m").is_null());
   // Beyond its ends a trajectory says nothing, though the truth is there.
-  std::erase_if(run.vehicles[0].trajectory, [](const PoseRow& row) { return row.t_s > 10.0; });
+  std::erase_if(run.vehicles[0].trajectory, [](const PoseRow<SE2>& row) { return row.t_s > 10.0; });
   EXPECT_TRUE(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_corrected_m").is_null());
 }
 
 TEST(Evaluate, CorrectedPosesBetweenRowsLieOnTheArc) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   // Vehicle 2 circles with 0.5 rad/s on a radius of 5 m; a chord over the 2 s between its rows would be 0.6 m off.
   const SE2 start(100.0, 15.0, 0.0);
   const auto along = [](double t_s) { return SE2::Exp(SE2::Tangent(2.5 * t_s, 0.0, 0.5 * t_s)); };
-  for (TruthPose& pose : run.vehicles[1].truth) pose.T_world_body = start * along(pose.t_s);
+  for (TruthPose<SE2>& pose : run.vehicles[1].truth) pose.T_world_body = start * along(pose.t_s);
   auto& rows = run.vehicles[1].trajectory;
-  std::erase_if(rows, [](const PoseRow& row) { return std::fmod(row.t_s, 2.0) != 0.0; });
-  for (PoseRow& row : rows) row.common->T = SE2(0.0, 5.0, 0.0) * along(row.t_s);
+  std::erase_if(rows, [](const PoseRow<SE2>& row) { return std::fmod(row.t_s, 2.0) != 0.0; });
+  for (PoseRow<SE2>& row : rows) row.common->T = SE2(0.0, 5.0, 0.0) * along(row.t_s);
   EXPECT_NEAR(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_corrected_m").get<double>(), 0.0, 1e-9);
 }
 
 TEST(Evaluate, DistancesCountFromTheFirstAssociation) {
-  RunRecord run = straight_run();
-  for (VehicleRecord& vehicle : run.vehicles)
-    for (PoseRow& row : vehicle.live)
+  RunRecord<SE2> run = straight_run();
+  for (VehicleRecord<SE2>& vehicle : run.vehicles)
+    for (PoseRow<SE2>& row : vehicle.live)
       if (vehicle.id == 2) row.common->T = SE2(row.t_s, row.t_s < 40.0 ? 25.0 : 5.3, 0.0);
   let_them_hear_each_other(run);
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   run.vehicles[0].map->associations.push_back({2, 40.0, true, {pairing(1, 0, 2, 0)}});
   run.vehicles[0].map->associations.push_back({2, 10.0, false, {pairing(1, 1, 2, 1)}});  // refused: does not count
-  const Evaluation evaluation = evaluate(run);
+  const Evaluation<SE2> evaluation = evaluate(run);
   const json pair = evaluation.metrics.at("pairs")[0];
   EXPECT_EQ(pair.at("first_association_s"), 40.0);
   EXPECT_NEAR(pair.at("distance_rmse_m").get<double>(), 0.3, 1e-9);
@@ -185,25 +185,25 @@ TEST(Evaluate, DistancesCountFromTheFirstAssociation) {
 }
 
 TEST(Evaluate, LatencyIsNotError) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   let_them_hear_each_other(run);
-  for (VehicleRecord& vehicle : run.vehicles)
-    for (PoseRow& row : vehicle.live)
+  for (VehicleRecord<SE2>& vehicle : run.vehicles)
+    for (PoseRow<SE2>& row : vehicle.live)
       if (row.vehicle != vehicle.id) {  // stamps of a peer lie 0.4 s back, and so do its poses
         row.t_s -= 0.4;
         row.common->T = SE2(-0.4, 0.0, 0.0) * row.common->T;
         row.slam->T = SE2(-0.4, 0.0, 0.0) * row.slam->T;
       }
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   run.vehicles[0].map->associations.push_back({2, 5.0, true, {pairing(1, 0, 2, 0)}});
   EXPECT_NEAR(evaluate(run).metrics.at("pairs")[0].at("distance_rmse_m").get<double>(), 0.0, 1e-9);
 }
 
 TEST(Evaluate, AssociationThroughAThirdVehicleCounts) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles.push_back(run.vehicles[1]);
   run.vehicles[2].id = 3;
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   run.vehicles[0].map->associations.push_back({1, 30.0, true, {pairing(2, 0, 3, 0)}});
   run.vehicles[0].map->associations.push_back({1, 20.0, true, {pairing(1, 0, 3, 1)}});
   const json pairs = evaluate(run).metrics.at("pairs");
@@ -214,10 +214,10 @@ TEST(Evaluate, AssociationThroughAThirdVehicleCounts) {
 }
 
 TEST(Evaluate, PairingsAreJudgedByTheLabels) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles[0].track_of_landmark = {{{1, 0}, 70}, {{1, 1}, 71}, {{1, 2}, 72}};
   run.vehicles[1].track_of_landmark = {{{1, 0}, 70}, {{1, 1}, 99}, {{1, 2}, 72}};
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   auto& associations = run.vehicles[0].map->associations;
   associations.push_back({2, 1.0, true, {pairing(1, 0, 2, 0), pairing(1, 1, 2, 1)}});  // one true, one false
   associations.push_back({2, 2.0, true, {pairing(1, 0, 2, 0), pairing(1, 2, 2, 2)}});  // one known already, one true
@@ -234,10 +234,10 @@ TEST(Evaluate, PairingsAreJudgedByTheLabels) {
 }
 
 TEST(Evaluate, PairingsWithinAVehicleAreNotThoseBetweenVehicles) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles[0].track_of_landmark = {{{1, 0}, 70}, {{1, 1}, 71}, {{1, 5}, 70}, {{1, 6}, 79}};
   run.vehicles[1].track_of_landmark = {{{1, 0}, 70}};
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   auto& associations = run.vehicles[0].map->associations;
   associations.push_back({1, 1.0, true, {pairing(1, 0, 1, 5), pairing(1, 1, 1, 6)}});  // a loop: one true, one false
   associations.push_back({2, 2.0, true, {pairing(1, 0, 2, 0)}});
@@ -250,9 +250,9 @@ TEST(Evaluate, PairingsWithinAVehicleAreNotThoseBetweenVehicles) {
 }
 
 TEST(Evaluate, AMapIsSharedOnlyIfItIsEqualAndLinkedBetweenVehicles) {
-  RunRecord run = straight_run();
-  for (VehicleRecord& vehicle : run.vehicles) {
-    vehicle.map = MapRecord{};
+  RunRecord<SE2> run = straight_run();
+  for (VehicleRecord<SE2>& vehicle : run.vehicles) {
+    vehicle.map = MapRecord<SE2>{};
     vehicle.map->chains = {{{1, 1}, true}, {{2, 1}, true}};  // both in the common frame, by their static biases
     vehicle.map->associations.push_back({1, 1.0, true, {pairing(1, 0, 1, 5), pairing(2, 0, 2, 5)}});
     vehicle.map->associations.push_back({1, 2.0, false, {pairing(1, 0, 2, 0)}});  // refused
@@ -273,10 +273,10 @@ TEST(Evaluate, AMapIsSharedOnlyIfItIsEqualAndLinkedBetweenVehicles) {
 }
 
 TEST(Evaluate, VehiclesAreLinkedThroughOthers) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles.push_back(run.vehicles[1]);
   run.vehicles[2].id = 3;
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   auto& associations = run.vehicles[0].map->associations;
   associations.push_back({1, 1.0, true, {pairing(2, 0, 3, 0)}});
   EXPECT_EQ(evaluate(run).metrics.at("all_linked"), false);
@@ -285,11 +285,11 @@ TEST(Evaluate, VehiclesAreLinkedThroughOthers) {
 }
 
 TEST(Evaluate, LandmarksAreFittedToTheirTruth) {
-  RunRecord run = straight_run();
-  for (VehicleRecord& vehicle : run.vehicles) vehicle.truth.clear();
+  RunRecord<SE2> run = straight_run();
+  for (VehicleRecord<SE2>& vehicle : run.vehicles) vehicle.truth.clear();
   run.landmarks = {{70, {0.0, 0.0}}, {71, {4.0, 0.0}}, {72, {0.0, 4.0}}, {73, {4.0, 4.0}}};
   const SE2 T(2.0, 3.0, -0.7);
-  run.vehicles[0].map = MapRecord{};
+  run.vehicles[0].map = MapRecord<SE2>{};
   run.vehicles[0].map->chains = {{{1, 1}, true}, {{2, 1}, false}};
   for (std::uint32_t i = 0; i < 4; ++i) {
     run.vehicles[0].track_of_landmark[{1, i}] = 70 + i;
@@ -307,9 +307,9 @@ TEST(Evaluate, LandmarksAreFittedToTheirTruth) {
 }
 
 TEST(Evaluate, BytesPerSecondComeFromTheCumulativeCounter) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles[0].traffic = {{1.0, 100.0}, {2.0, 1100.0}, {3.0, 1200.0}, {4.0, 50.0}};  // started again at the end
-  const Evaluation evaluation = evaluate(run);
+  const Evaluation<SE2> evaluation = evaluate(run);
   const json vehicle = evaluation.metrics.at("vehicles")[0];
   EXPECT_NEAR(vehicle.at("bytes_per_s_max").get<double>(), 1000.0, 1e-9);
   EXPECT_NEAR(vehicle.at("bytes_per_s_mean").get<double>(), 1250.0 / 4.0, 1e-9);
@@ -319,7 +319,7 @@ TEST(Evaluate, BytesPerSecondComeFromTheCumulativeCounter) {
 }
 
 TEST(Evaluate, LostVehiclesDoNotAnswerForTheFleet) {
-  RunRecord run = straight_run();
+  RunRecord<SE2> run = straight_run();
   run.vehicles[1].lost = true;
   run.vehicles[1].summary = nullptr;
   run.info["lost_vehicles"] = {2};
@@ -339,8 +339,8 @@ TEST(Evaluate, LostVehiclesDoNotAnswerForTheFleet) {
 }
 
 TEST(Tum, HasTimePositionAndQuaternion) {
-  std::vector<PoseRow> rows(2);
-  rows[0] = {1.5, 1, 0.0, {}, PoseEstimate{SE2(1.0, -2.0, M_PI / 2), Eigen::Matrix3d::Zero()}};
+  std::vector<PoseRow<SE2>> rows(2);
+  rows[0] = {1.5, 1, 0.0, {}, PoseEstimate<SE2>{SE2(1.0, -2.0, M_PI / 2), Eigen::Matrix3d::Zero()}};
   rows[1] = {2.0, 1, 0.0, {}, {}};  // not aligned: not in the file
   EXPECT_EQ(tum_trajectory(rows), "1.500000 1.000000 -2.000000 0 0 0 0.707106781 0.707106781\n");
 }
@@ -350,13 +350,13 @@ class RunFolder : public testing::Test {
   void SetUp() override {
     StreetParams params;
     params.distance_m = 120.0;
-    test::FakeRun(make_street(params, 5), folder_.path()).write_all();
+    test::FakeRun<SE2>(make_street<SE2>(params, 5), folder_.path()).write_all();
   }
   TemporaryFolder folder_;
 };
 
 TEST_F(RunFolder, IsReadJudgedAndWritten) {
-  const RunRecord run = read_run(folder_.path());
+  const RunRecord<SE2> run = read_run<SE2>(folder_.path());
   write_evaluation(run, evaluate(run));
   const json m = json::parse(test::read(folder_ / "metrics.json"));
   EXPECT_EQ(m.at("vehicles").size(), 2U);
@@ -378,7 +378,7 @@ TEST_F(RunFolder, IsReadJudgedAndWritten) {
 TEST_F(RunFolder, WithNothingButItsNameIsAllNull) {
   for (const char* part : {"vehicle_1", "vehicle_2", "truth", "scenario.json"})
     std::filesystem::remove_all(folder_ / part);
-  const json m = evaluate(read_run(folder_.path())).metrics;
+  const json m = evaluate(read_run<SE2>(folder_.path())).metrics;
   for (const char* key : {"fleet_ate_m", "fleet_anees", "fleet_coverage95", "landmark_rmse_m", "map_digests_equal",
                           "facts_lost", "all_aligned"})
     EXPECT_EQ(m.at(key), nullptr) << key;
@@ -393,13 +393,13 @@ TEST_F(RunFolder, DamageIsRefusedWithFileAndLine) {
   const auto refusal = [this](const char* file, const std::string& content) {
     const std::string before = test::read(folder_ / file);
     test::write(folder_ / file, content);
-    const std::string text = config_error_of([this] { read_run(folder_.path()); });
+    const std::string text = config_error_of([this] { read_run<SE2>(folder_.path()); });
     test::write(folder_ / file, before);
     return text;
   };
   const std::string live = test::read(folder_ / "vehicle_1/live.csv");
   EXPECT_THAT(refusal("vehicle_1/live.csv", live.substr(0, live.size() - 5)), HasSubstr("the file has been cut"));
-  EXPECT_THAT(refusal("vehicle_1/live.csv", std::string(live_header) + "\n1,1,0,0,0,0,,,,,,,,,,,,,,,,OK,\n"),
+  EXPECT_THAT(refusal("vehicle_1/live.csv", std::string(live_header<SE2>) + "\n1,1,0,0,0,0,,,,,,,,,,,,,,,,OK,\n"),
               HasSubstr("live.csv:2: a pose and its covariance"));
   EXPECT_THAT(refusal("vehicle_2/traffic.csv", "t_s,bytes_sent,messages_sent\n2,1,1\n1,2,2\n"),
               HasSubstr("traffic.csv:3: time"));
@@ -408,7 +408,7 @@ TEST_F(RunFolder, DamageIsRefusedWithFileAndLine) {
   EXPECT_THAT(refusal("vehicle_2/map.json", "{\"map_digest\":\"x\"}"),
               HasSubstr("map.json: not what it should be: the entry 'chains' is missing"));
   EXPECT_THAT(refusal("run.json", "{}"), HasSubstr("run.json: not what it should be"));
-  EXPECT_EQ(config_error_of([this] { read_run(folder_.path()); }), "");
+  EXPECT_EQ(config_error_of([this] { read_run<SE2>(folder_.path()); }), "");
 }
 
 TEST_F(RunFolder, VehicleIdsMustBeThoseOfAFleet) {
@@ -417,7 +417,7 @@ TEST_F(RunFolder, VehicleIdsMustBeThoseOfAFleet) {
     json info = good;
     info[key] = value;
     test::write(folder_ / "run.json", info.dump());
-    const std::string text = config_error_of([this] { read_run(folder_.path()); });
+    const std::string text = config_error_of([this] { read_run<SE2>(folder_.path()); });
     EXPECT_EQ(text.find('\n'), std::string::npos);
     return text;
   };
@@ -439,12 +439,13 @@ TEST_F(RunFolder, VehicleIdsMustBeThoseOfAFleet) {
 }
 
 TEST_F(RunFolder, ATableWithoutARowIsRefusedUnlessItsVehicleWasLost) {
-  for (const auto& [name, header] : {std::pair("live.csv", live_header), std::pair("trajectory.csv", trajectory_header),
-                                     std::pair("traffic.csv", traffic_header)}) {
+  for (const auto& [name, header] :
+       {std::pair("live.csv", live_header<SE2>), std::pair("trajectory.csv", trajectory_header<SE2>),
+        std::pair("traffic.csv", std::string(traffic_header))}) {
     const auto file = folder_ / "vehicle_2" / name;
     const std::string before = test::read(file);
     test::write(file, std::string(header) + "\n");
-    const auto read = [this] { read_run(folder_.path()); };
+    const auto read = [this] { read_run<SE2>(folder_.path()); };
     EXPECT_THAT(config_error_of(read), HasSubstr(std::string(name) + ":1: no row below the header"));
     test::write(file, "");
     EXPECT_THAT(config_error_of(read), HasSubstr(std::string(name) + ":1: the file is empty"));
@@ -464,7 +465,7 @@ TEST_F(RunFolder, ABrokenSummaryIsRefused) {
   const json good = json::parse(test::read(file));
   const auto refusal = [&](const std::string& content) {
     test::write(file, content);
-    return config_error_of([this] { read_run(folder_.path()); });
+    return config_error_of([this] { read_run<SE2>(folder_.path()); });
   };
   EXPECT_EQ(refusal(good.dump()), "");
   EXPECT_THAT(refusal(""), HasSubstr("summary.json: not what it should be"));
@@ -484,7 +485,7 @@ TEST_F(RunFolder, ABrokenSummaryIsRefused) {
 }
 
 TEST_F(RunFolder, ASurvivorHasLeftAllThatItMustHaveWritten) {
-  const auto refusal = [this] { return config_error_of([this] { expect_survivors(read_run(folder_.path())); }); };
+  const auto refusal = [this] { return config_error_of([this] { expect_survivors(read_run<SE2>(folder_.path())); }); };
   EXPECT_EQ(refusal(), "");
   const auto lost = [this](const json& ids) {
     json info = json::parse(test::read(folder_ / "run.json"));
@@ -511,11 +512,11 @@ TEST_F(RunFolder, OfALostVehicleMayEndInHalfALine) {
   info["lost_vehicles"] = {2};
   test::write(folder_ / "run.json", info.dump());
   const std::string live = test::read(folder_ / "vehicle_2/live.csv");
-  const std::size_t rows = read_run(folder_.path()).find(2)->live.size();
+  const std::size_t rows = read_run<SE2>(folder_.path()).find(2)->live.size();
   test::write(folder_ / "vehicle_2/live.csv", live.substr(0, live.size() - 5));
   for (const char* file : {"map.json", "summary.json", "labels.csv", "trajectory.csv"})
     std::filesystem::remove(folder_ / "vehicle_2" / file);
-  const RunRecord run = read_run(folder_.path());
+  const RunRecord<SE2> run = read_run<SE2>(folder_.path());
   EXPECT_EQ(run.find(2)->live.size(), rows - 1);
   EXPECT_EQ(run.first_survivor()->id, 1U);
   const json m = evaluate(run).metrics;

@@ -65,53 +65,53 @@ std::string config_error_of(const Action& action) {
   return {};
 }
 
-inline std::string csv_pose(const std::optional<PoseEstimate>& pose) {
-  if (!pose) return ",,,,,,,,";
+/// An estimate in full, or as many empty columns.
+template <class G>
+std::string csv_pose(const std::optional<PoseEstimate<G>>& pose) {
+  if (!pose) return std::string(coordinate_count<G> + covariance_count<G> - 1, ',');
   std::string text;
-  const auto& P = pose->P;
-  append_csv_row(text, pose->T.translation().x(), pose->T.translation().y(), pose->T.theta(), P(0, 0), P(0, 1), P(0, 2),
-                 P(1, 1), P(1, 2), P(2, 2));
-  text.pop_back();
-  return text;
+  append_pose(text, pose->T);
+  append_covariance(text, pose->P);
+  return text.substr(1);
 }
 
-inline std::string live_row(const PoseRow& row, const std::string& integrity = "OK", const std::string& reasons = "") {
+template <class G>
+std::string live_row(const PoseRow<G>& row, const std::string& integrity = "OK", const std::string& reasons = "") {
   return std::to_string(row.t_s) + "," + std::to_string(row.vehicle) + "," + std::to_string(row.abscissa_m) + "," +
          csv_pose(row.slam) + "," + csv_pose(row.common) + "," + integrity + "," + reasons + "\n";
 }
 
-inline std::string trajectory_row(const PoseRow& row) {
+template <class G>
+std::string trajectory_row(const PoseRow<G>& row) {
   return std::to_string(row.t_s) + "," + std::to_string(row.abscissa_m) + "," + csv_pose(row.slam) + "," +
          csv_pose(row.common) + "\n";
 }
 
-inline nlohmann::json upper(const Eigen::Matrix3d& P) { return {P(0, 0), P(0, 1), P(0, 2), P(1, 1), P(1, 2), P(2, 2)}; }
-
-inline nlohmann::json pose_json(const SE2& T) { return {T.translation().x(), T.translation().y(), T.theta()}; }
-
+template <class G>
 class FakeRun {
  public:
   double association_period_s = 12.0;  ///< one hypothesis in each
   double first_association_s = 40.0;
   bool aligned_by_prior = true;  ///< false: a vehicle is nowhere before the first association
 
-  FakeRun(const Scenario& scenario, const std::filesystem::path& folder) : scenario_(scenario), folder_(folder) {}
+  FakeRun(const Scenario<G>& scenario, const std::filesystem::path& folder) : scenario_(scenario), folder_(folder) {}
 
   void write_all() {
     scenario_.write(folder_);
-    const SE2 start = *truth_at(scenario_.find(scenario_.common_frame_vehicle)->truth,
-                                scenario_.find(scenario_.common_frame_vehicle)->sensors.front().t_s);
+    const G start = *truth_at(scenario_.find(scenario_.common_frame_vehicle)->truth,
+                              scenario_.find(scenario_.common_frame_vehicle)->sensors.front().t_s);
     T_common_world_ = start.inverse();
-    for (const VehicleLog& vehicle : scenario_.vehicles) drive(vehicle);
+    for (const VehicleLog<G>& vehicle : scenario_.vehicles) drive(vehicle);
     const nlohmann::json map = make_map();
     nlohmann::json ids = nlohmann::json::array();
-    for (const VehicleLog& vehicle : scenario_.vehicles) {
+    for (const VehicleLog<G>& vehicle : scenario_.vehicles) {
       ids.push_back(vehicle.id);
       write_vehicle(vehicle, map);
     }
     const nlohmann::json info = {{"scenario", scenario_.name},
                                  {"source", scenario_.source},
                                  {"seed", scenario_.seed},
+                                 {"dimension", G::Dim},
                                  {"rate", 20.0},
                                  {"vehicles", ids},
                                  {"impair", ""},
@@ -123,51 +123,56 @@ class FakeRun {
   }
 
  private:
+  static typename G::Tangent each(double translation, double rotation) {
+    typename G::Tangent d;
+    d.template head<G::Dim>().setConstant(translation);
+    d.template tail<G::Dof - G::Dim>().setConstant(rotation);
+    return d;
+  }
+
   struct Drive {
-    std::vector<PoseRow> live;
-    std::vector<PoseRow> trajectory;
+    std::vector<PoseRow<G>> live;
+    std::vector<PoseRow<G>> trajectory;
     nlohmann::json anchors = nlohmann::json::array();
     std::vector<std::uint32_t> tracks;  ///< of the landmarks, in the order in which they were exported
     std::vector<double> seen_s;
   };
 
-  void drive(const VehicleLog& vehicle) {
+  void drive(const VehicleLog<G>& vehicle) {
     Drive& d = drives_[vehicle.id];
     const CounterRng rng(scenario_.seed, vehicle.id, 99);
-    const Eigen::Vector3d q(1e-4, 1e-4, 8e-6);  // drift per metre
-    const SE2 prior = vehicle.prior ? vehicle.prior->mean : SE2();
-    Eigen::Matrix3d prior_P = Eigen::Matrix3d::Zero(), C = Eigen::Matrix3d::Zero();
-    if (vehicle.prior)
-      prior_P.diagonal() << std::pow(vehicle.prior->sigma_x_m, 2), std::pow(vehicle.prior->sigma_y_m, 2),
-          std::pow(vehicle.prior->sigma_theta_rad, 2);
-    SE2 X, before = *truth_at(vehicle.truth, vehicle.sensors.front().t_s);
-    Eigen::Vector3d smooth = Eigen::Vector3d::Zero();
+    const typename G::Tangent q = each(1e-4, 8e-6);  // drift per metre
+    const G prior = vehicle.prior ? vehicle.prior->mean : G();
+    typename G::Covariance prior_P = G::Covariance::Zero(), C = G::Covariance::Zero();
+    if (vehicle.prior) prior_P = vehicle.prior->sigma.cwiseAbs2().asDiagonal();
+    G X, before = *truth_at(vehicle.truth, vehicle.sensors.front().t_s);
+    typename G::Tangent smooth = G::Tangent::Zero();
     double s = 0.0, next_anchor_m = 0.0;
     std::uint32_t step = 0, anchors = 0;
     for (double t = vehicle.sensors.front().t_s; t <= scenario_.duration_s; t += 0.2, ++step) {
       const auto truth = truth_at(vehicle.truth, t, 3.0);
       if (!truth) break;
-      const SE2 U = before.inverse() * *truth;
+      const G U = before.inverse() * *truth;
       const double ds = U.translation().norm();
-      Eigen::Vector3d eta, white;
-      for (std::uint32_t i = 0; i < 3; ++i) {
+      typename G::Tangent eta, white;
+      for (std::uint32_t i = 0; i < G::Dof; ++i) {
         eta[i] = std::sqrt(q[i] * ds) * rng.normal(step, i);
-        white[i] = rng.normal(step, 3 + i);
+        white[i] = rng.normal(step, G::Dof + i);
       }
-      X = X * U * SE2::Exp(eta);
+      X = X * U * G::Exp(eta);
       s += ds;
       before = *truth;
-      C += X.adjoint() * (ds * Eigen::Matrix3d(q.asDiagonal())) * X.adjoint().transpose();
-      const Eigen::Matrix3d back = X.inverse().adjoint();
-      const Eigen::Matrix3d drift = back * C * back.transpose();
+      C += X.adjoint() * typename G::Covariance((ds * q).asDiagonal()) * X.adjoint().transpose();
+      const typename G::Adjoint back = X.inverse().adjoint();
+      const typename G::Covariance drift = back * C * back.transpose();
       const bool associated = t >= first_association_s;
-      const Eigen::Vector3d sigma(0.06, 0.06, 0.006);
+      const typename G::Tangent sigma = each(0.06, 0.006);
       smooth = 0.995 * smooth + std::sqrt(1.0 - 0.995 * 0.995) * white;
-      const PoseEstimate slam{X, 0.02 * drift + 1e-6 * Eigen::Matrix3d::Identity()};
-      const PoseEstimate fused{T_common_world_ * *truth * SE2::Exp(sigma.cwiseProduct(smooth)),
-                               1.3 * Eigen::Matrix3d(sigma.cwiseAbs2().asDiagonal())};
-      const PoseEstimate by_prior{prior * X, drift + back * prior_P * back.transpose()};
-      std::optional<PoseEstimate> live = fused;
+      const PoseEstimate<G> slam{X, 0.02 * drift + 1e-6 * G::Covariance::Identity()};
+      const PoseEstimate<G> fused{T_common_world_ * *truth * G::Exp(sigma.cwiseProduct(smooth)),
+                                  1.3 * typename G::Covariance(sigma.cwiseAbs2().asDiagonal())};
+      const PoseEstimate<G> by_prior{prior * X, drift + back * prior_P * back.transpose()};
+      std::optional<PoseEstimate<G>> live = fused;
       if (!associated) live = aligned_by_prior || vehicle.id == 1 ? std::optional(by_prior) : std::nullopt;
       if (step % 5 == 0) d.live.push_back({t, vehicle.id, s, slam, live});
       d.trajectory.push_back({t, vehicle.id, s, slam, fused});
@@ -178,10 +183,10 @@ class FakeRun {
                              {"index", anchors++},
                              {"stamp_s", t},
                              {"abscissa_m", s},
-                             {"pose", pose_json(fused.T)},
-                             {"cov", upper(fused.P)},
-                             {"slam", pose_json(X)},
-                             {"drift", upper(C)}});
+                             {"pose", pose_list(fused.T)},
+                             {"cov", upper_of(fused.P)},
+                             {"slam", pose_list(X)},
+                             {"drift", upper_of(C)}});
       }
     }
     std::set<std::uint32_t> seen;
@@ -200,8 +205,8 @@ class FakeRun {
                           {"anchors", nlohmann::json::array()},
                           {"landmarks", nlohmann::json::array()},
                           {"associations", nlohmann::json::array()}};
-    std::map<std::uint32_t, Eigen::Vector2d> truth;
-    for (const TruthLandmark& l : scenario_.landmarks) truth[l.id] = T_common_world_ * l.p_world_m;
+    std::map<std::uint32_t, typename G::Point> truth;
+    for (const TruthLandmark<G>& l : scenario_.landmarks) truth[l.id] = T_common_world_ * l.p_world_m;
     std::map<std::uint32_t, int> times;
     for (const auto& [id, d] : drives_)
       for (const std::uint32_t track : d.tracks) ++times[track];
@@ -210,15 +215,17 @@ class FakeRun {
       for (const auto& anchor : d.anchors) map["anchors"].push_back(anchor);
       const CounterRng rng(scenario_.seed, id, 98);
       for (std::uint32_t i = 0; i < d.tracks.size(); ++i) {
-        const Eigen::Vector2d p = truth.at(d.tracks[i]) + 0.08 * Eigen::Vector2d(rng.normal(i, 0), rng.normal(i, 1));
-        map["landmarks"].push_back({{"vehicle", id},
-                                    {"epoch", 1},
-                                    {"index", i},
-                                    {"anchor", 0},
-                                    {"x", p.x()},
-                                    {"y", p.y()},
-                                    {"cov", {0.01, 0.0, 0.01}},
-                                    {"class", times[d.tracks[i]] > 1 ? int(d.tracks[i]) : -1}});
+        typename G::Point p = truth.at(d.tracks[i]);
+        for (int c = 0; c < G::Dim; ++c) p[c] += 0.08 * rng.normal(i, static_cast<std::uint32_t>(c));
+        nlohmann::json landmark = {
+            {"vehicle", id},
+            {"epoch", 1},
+            {"index", i},
+            {"anchor", 0},
+            {"cov", upper_of(typename G::PointCovariance(0.01 * G::PointCovariance::Identity()))},
+            {"class", times[d.tracks[i]] > 1 ? int(d.tracks[i]) : -1}};
+        for (int c = 0; c < G::Dim; ++c) landmark[std::string(1, "xyz"[c])] = p[c];
+        map["landmarks"].push_back(landmark);
       }
     }
     for (auto a = drives_.begin(); a != drives_.end(); ++a)
@@ -244,17 +251,17 @@ class FakeRun {
                                      {"pairings", pairings}});
   }
 
-  void write_vehicle(const VehicleLog& vehicle, const nlohmann::json& map) {
+  void write_vehicle(const VehicleLog<G>& vehicle, const nlohmann::json& map) {
     const Drive& own = drives_.at(vehicle.id);
     const auto folder = vehicle_folder(folder_, vehicle.id);
-    std::string live = std::string(live_header) + "\n", trajectory = std::string(trajectory_header) + "\n";
+    std::string live = live_header<G> + "\n", trajectory = trajectory_header<G> + "\n";
     std::string traffic = std::string(traffic_header) + "\n", labels = std::string(labels_header) + "\n";
     for (std::size_t i = 0; i < own.live.size(); ++i) {
       live += live_row(own.live[i]);
       for (const auto& [id, peer] : drives_)
         if (id != vehicle.id && i > 0 && i < peer.live.size()) live += live_row(peer.live[i]);
     }
-    for (const PoseRow& row : own.trajectory) trajectory += trajectory_row(row);
+    for (const PoseRow<G>& row : own.trajectory) trajectory += trajectory_row(row);
     const CounterRng rng(scenario_.seed, vehicle.id, 97);
     double bytes = 0.0;
     for (std::uint32_t t = 1; t <= scenario_.duration_s; ++t) {
@@ -283,9 +290,9 @@ class FakeRun {
     test::write(folder / "summary.json", summary.dump());
   }
 
-  Scenario scenario_;
+  Scenario<G> scenario_;
   std::filesystem::path folder_;
-  SE2 T_common_world_;
+  G T_common_world_;
   std::map<VehicleId, Drive> drives_;
 };
 

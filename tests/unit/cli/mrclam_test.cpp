@@ -31,9 +31,9 @@ void write_small_set(const fs::path& folder) {
 TEST(Mrclam, LoadsAndCountsWhatItDrops) {
   const TemporaryFolder folder;
   write_small_set(folder.path());
-  const Scenario scenario = load_mrclam(folder.path());
+  const Scenario<SE2> scenario = load_mrclam(folder.path());
   ASSERT_EQ(scenario.vehicles.size(), 2U);
-  const VehicleLog& one = scenario.vehicles[0];
+  const VehicleLog<SE2>& one = scenario.vehicles[0];
   // Time zero is the first odometry of all robots (1000.25); at equal times odometry comes first; stamps are sorted.
   const std::vector<SensorEvent> expected{SensorEvent::odometry(0.25, 0.1, 0.0), SensorEvent::odometry(0.35, 0.3, 0.0),
                                           SensorEvent::sighting(0.35, 6, 2.5, 0.1),
@@ -43,7 +43,7 @@ TEST(Mrclam, LoadsAndCountsWhatItDrops) {
   EXPECT_EQ(one.dropped_unknown_sightings, 1U);
   EXPECT_EQ(one.truth.front().t_s, -1.25);
   EXPECT_FALSE(one.prior);
-  const VehicleLog& two = scenario.vehicles[1];
+  const VehicleLog<SE2>& two = scenario.vehicles[1];
   EXPECT_TRUE(two.truth.empty());
   EXPECT_EQ(two.sensors.size(), 2U);  // the sighting before time zero is left out
   EXPECT_EQ(scenario.landmarks.size(), 3U);
@@ -103,16 +103,16 @@ std::optional<fs::path> recorded(const char* set) {
 TEST(MrclamRecording, WithPoseTruthIsLoadedWhole) {
   const auto folder = recorded("ds6");
   if (!folder) GTEST_SKIP() << "no utias_mrclam/ds6; set CONVOY_DATA_DIR to the folder that holds utias_mrclam";
-  const Scenario scenario = load_mrclam(*folder);
+  const Scenario<SE2> scenario = load_mrclam(*folder);
   ASSERT_EQ(scenario.vehicles.size(), 5U);
   EXPECT_EQ(scenario.landmarks.size(), 15U);
   EXPECT_NEAR(scenario.duration_s, 888.0, 1.0);
   std::size_t sightings = 0;
   std::uint64_t dropped = 0;
   std::map<std::uint32_t, Eigen::Vector2d> place;
-  for (const TruthLandmark& l : scenario.landmarks) place[l.id] = l.p_world_m;
+  for (const TruthLandmark<SE2>& l : scenario.landmarks) place[l.id] = l.p_world_m;
   std::vector<double> range_errors;
-  for (const VehicleLog& log : scenario.vehicles) {
+  for (const VehicleLog<SE2>& log : scenario.vehicles) {
     dropped += log.dropped_unknown_sightings;
     EXPECT_FALSE(log.truth.empty());
     for (const SensorEvent& event : log.sensors) {
@@ -132,9 +132,9 @@ TEST(MrclamRecording, WithPoseTruthIsLoadedWhole) {
 TEST(MrclamRecording, WithoutPoseTruthIsLoadedToo) {
   const auto folder = recorded("ds1");
   if (!folder) GTEST_SKIP() << "no utias_mrclam/ds1; set CONVOY_DATA_DIR to the folder that holds utias_mrclam";
-  const Scenario scenario = load_mrclam(*folder);
+  const Scenario<SE2> scenario = load_mrclam(*folder);
   ASSERT_EQ(scenario.vehicles.size(), 5U);
-  for (const VehicleLog& log : scenario.vehicles) {
+  for (const VehicleLog<SE2>& log : scenario.vehicles) {
     EXPECT_TRUE(log.truth.empty());
     EXPECT_TRUE(std::is_sorted(log.sensors.begin(), log.sensors.end(),
                                [](const auto& a, const auto& b) { return a.t_s < b.t_s; }));

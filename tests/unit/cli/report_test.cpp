@@ -17,41 +17,41 @@ namespace {
 using testing::HasSubstr;
 using testing::Not;
 
-Scenario street() {
+Scenario<SE2> street() {
   StreetParams params;
   params.distance_m = 150.0;
-  return make_street(params, 5);
+  return make_street<SE2>(params, 5);
 }
 
 /// Five vehicles without priors: the street's two and three more on its course.
-Scenario fleet_of_five() {
-  Scenario scenario = street();
+Scenario<SE2> fleet_of_five() {
+  Scenario<SE2> scenario = street();
   scenario.name = "mrclam";
   for (const VehicleId id : {3U, 4U, 5U}) {
     scenario.vehicles.push_back(scenario.vehicles[id % 2]);
     scenario.vehicles.back().id = id;
   }
-  for (VehicleLog& vehicle : scenario.vehicles) vehicle.prior.reset();
+  for (VehicleLog<SE2>& vehicle : scenario.vehicles) vehicle.prior.reset();
   return scenario;
 }
 
 struct Page {
-  RunRecord run;
-  Evaluation evaluation;
+  RunRecord<SE2> run;
+  Evaluation<SE2> evaluation;
   std::string text;
 };
 
 Page page_of(const std::filesystem::path& folder) {
-  Page page{read_run(folder), {}, {}};
+  Page page{read_run<SE2>(folder), {}, {}};
   page.evaluation = evaluate(page.run);
   write_report(page.run, page.evaluation);
   page.text = test::read(folder / "report.html");
   return page;
 }
 
-Page page_of(const Scenario& scenario) {
+Page page_of(const Scenario<SE2>& scenario) {
   const test::TemporaryFolder folder;
-  test::FakeRun(scenario, folder.path()).write_all();
+  test::FakeRun<SE2>(scenario, folder.path()).write_all();
   return page_of(folder.path());
 }
 
@@ -157,9 +157,9 @@ TEST(Report, DriftCaptionsCountWhichEllipsesHoldTheTruth) {
       EXPECT_THAT(caption(page, number), HasSubstr("true positions lie within the ellipse of the drift model"));
       EXPECT_THAT(caption(page, number), Not(HasSubstr("segments, none of ")));
     }
-    for (VehicleRecord& vehicle : page.run.vehicles) {
+    for (VehicleRecord<SE2>& vehicle : page.run.vehicles) {
       vehicle.prior.reset();
-      for (MapAnchor& anchor : vehicle.map->anchors) anchor.drift *= 1e-9;  // surer than any SLAM may be
+      for (MapAnchor<SE2>& anchor : vehicle.map->anchors) anchor.drift *= 1e-9;  // surer than any SLAM may be
     }
     for (const int number : {10, 11}) EXPECT_THAT(caption(page, number), HasSubstr("segments, none of "));
   }
@@ -192,12 +192,13 @@ TEST(Report, TheTrafficCaptionTellsTheStartFromTheRest) {
 
 TEST(Report, TheDistanceCaptionNamesTheReasonsOfGaps) {
   const test::TemporaryFolder folder;
-  test::FakeRun(street(), folder.path()).write_all();
+  test::FakeRun<SE2>(street(), folder.path()).write_all();
   Page page = page_of(folder.path());
   EXPECT_THAT(caption(page, 14), Not(HasSubstr("has a gap")));
   EXPECT_THAT(caption(page, 14), HasSubstr("From ten seconds after the first association on, blue is off by 0."));
-  std::erase_if(page.run.vehicles[1].truth, [](const TruthPose& pose) { return pose.t_s > 50.0 && pose.t_s < 60.0; });
-  for (PoseRow& row : page.run.vehicles[0].live)
+  std::erase_if(page.run.vehicles[1].truth,
+                [](const TruthPose<SE2>& pose) { return pose.t_s > 50.0 && pose.t_s < 60.0; });
+  for (PoseRow<SE2>& row : page.run.vehicles[0].live)
     if (row.vehicle == 2 && row.t_s > 61.5 && row.t_s < 64.5) row.common.reset();
   page.evaluation = evaluate(page.run);
   EXPECT_THAT(caption(page, 14), HasSubstr("the truth has a gap at 9 poses"));
@@ -230,7 +231,7 @@ TEST(Report, BothGaugesAreShownAndAFittedOneIsExplained) {
 
 TEST(Report, WithoutTruthIsStillAPage) {
   const test::TemporaryFolder folder;
-  test::FakeRun(fleet_of_five(), folder.path()).write_all();
+  test::FakeRun<SE2>(fleet_of_five(), folder.path()).write_all();
   for (const VehicleId id : {1U, 2U, 3U, 4U, 5U}) std::filesystem::remove(truth_file(folder.path(), id));
   const Page page = page_of(folder.path());
   expect_well_formed(page.text);

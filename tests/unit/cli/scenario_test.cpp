@@ -14,17 +14,17 @@ using test::config_error_of;
 using test::TemporaryFolder;
 using testing::HasSubstr;
 
-Scenario short_street() {
+Scenario<SE2> short_street() {
   StreetParams params;
   params.distance_m = 20.0;
-  return make_street(params, 3);
+  return make_street<SE2>(params, 3);
 }
 
 TEST(Scenario, SurvivesTheDiskToTheBit) {
   const TemporaryFolder folder;
-  const Scenario written = short_street();
+  const Scenario<SE2> written = short_street();
   written.write(folder.path());
-  const Scenario read = Scenario::read(folder.path());
+  const Scenario<SE2> read = Scenario<SE2>::read(folder.path());
   EXPECT_EQ(read.name, written.name);
   EXPECT_EQ(read.source, written.source);
   EXPECT_EQ(read.seed, written.seed);
@@ -38,8 +38,8 @@ TEST(Scenario, SurvivesTheDiskToTheBit) {
     EXPECT_EQ(read.vehicles[i].truth.back().T_world_body.translation(),
               written.vehicles[i].truth.back().T_world_body.translation());
     ASSERT_TRUE(read.vehicles[i].prior);
-    EXPECT_EQ(read.vehicles[i].prior->sigma_x_m, written.vehicles[i].prior->sigma_x_m);
-    EXPECT_EQ(read.vehicles[i].prior->sigma_theta_rad, written.vehicles[i].prior->sigma_theta_rad);
+    EXPECT_EQ(read.vehicles[i].prior->sigma[0], written.vehicles[i].prior->sigma[0]);
+    EXPECT_EQ(read.vehicles[i].prior->sigma[2], written.vehicles[i].prior->sigma[2]);
   }
   ASSERT_EQ(read.landmarks.size(), written.landmarks.size());
   EXPECT_EQ(read.landmarks.back().p_world_m, written.landmarks.back().p_world_m);
@@ -47,11 +47,11 @@ TEST(Scenario, SurvivesTheDiskToTheBit) {
 
 TEST(Scenario, WithoutTruthHasNoTruthFile) {
   const TemporaryFolder folder;
-  Scenario scenario = short_street();
-  for (VehicleLog& vehicle : scenario.vehicles) vehicle.truth.clear();
+  Scenario<SE2> scenario = short_street();
+  for (VehicleLog<SE2>& vehicle : scenario.vehicles) vehicle.truth.clear();
   scenario.write(folder.path());
   EXPECT_FALSE(std::filesystem::exists(truth_file(folder.path(), 1)));
-  EXPECT_TRUE(Scenario::read(folder.path()).vehicles[0].truth.empty());
+  EXPECT_TRUE(Scenario<SE2>::read(folder.path()).vehicles[0].truth.empty());
 }
 
 TEST(Scenario, FixesSurviveTheDiskToTheBit) {
@@ -59,21 +59,21 @@ TEST(Scenario, FixesSurviveTheDiskToTheBit) {
   const std::vector<SensorEvent> written{SensorEvent::odometry(0.0, 1.0, 0.0), SensorEvent::fix(0.1, 1.0 / 3.0, -2e5, 0.02),
                                          SensorEvent::encounter(0.1, 4, 7.0 / 3.0, -0.2),
                                          SensorEvent::sighting(0.1, 7, 3.0, 0.1)};
-  write_sensors(folder / "s.csv", written);
-  EXPECT_EQ(read_sensors(folder / "s.csv"), written);
+  write_sensors<SE2>(folder / "s.csv", written);
+  EXPECT_EQ(read_sensors<SE2>(folder / "s.csv"), written);
 }
 
 TEST(Scenario, RefusesADamagedFolder) {
   const TemporaryFolder folder;
-  EXPECT_THAT(config_error_of([&] { Scenario::read(folder.path()); }), HasSubstr("scenario.json: no such file"));
+  EXPECT_THAT(config_error_of([&] { Scenario<SE2>::read(folder.path()); }), HasSubstr("scenario.json: no such file"));
   short_street().write(folder.path());
   const std::string json = test::read(folder / "scenario.json");
   test::write(folder / "scenario.json", json.substr(0, json.size() / 2));
-  EXPECT_THAT(config_error_of([&] { Scenario::read(folder.path()); }), HasSubstr("scenario.json: not a scenario"));
+  EXPECT_THAT(config_error_of([&] { Scenario<SE2>::read(folder.path()); }), HasSubstr("scenario.json: not a scenario"));
   test::write(folder / "scenario.json", json);
   const std::string sensors = test::read(folder / "vehicle_1/sensors.csv");
   test::write(folder / "vehicle_1/sensors.csv", sensors.substr(0, sensors.size() - 3));
-  EXPECT_THAT(config_error_of([&] { Scenario::read(folder.path()); }), HasSubstr("the file has been cut"));
+  EXPECT_THAT(config_error_of([&] { Scenario<SE2>::read(folder.path()); }), HasSubstr("the file has been cut"));
 }
 
 struct BadSensors {
@@ -86,7 +86,7 @@ class BadSensorFiles : public testing::TestWithParam<BadSensors> {};
 TEST_P(BadSensorFiles, AreRefusedWithFileAndLine) {
   const TemporaryFolder folder;
   test::write(folder / "s.csv", std::string("t_s,kind,a,b,c\n1,odometry,2,0,\n") + GetParam().rows);
-  EXPECT_THAT(config_error_of([&] { read_sensors(folder / "s.csv"); }), HasSubstr(GetParam().message));
+  EXPECT_THAT(config_error_of([&] { read_sensors<SE2>(folder / "s.csv"); }), HasSubstr(GetParam().message));
 }
 
 INSTANTIATE_TEST_SUITE_P(

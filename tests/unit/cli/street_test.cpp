@@ -13,14 +13,14 @@ namespace {
 
 constexpr std::uint64_t seed = 11;
 
-std::vector<SensorEvent> of_kind(const VehicleLog& log, SensorEvent::Kind kind) {
+std::vector<SensorEvent> of_kind(const VehicleLog<SE2>& log, SensorEvent::Kind kind) {
   std::vector<SensorEvent> events;
   for (const SensorEvent& event : log.sensors)
     if (event.kind == kind) events.push_back(event);
   return events;
 }
 
-std::string bytes_of(const Scenario& scenario) {
+std::string bytes_of(const Scenario<SE2>& scenario) {
   const test::TemporaryFolder folder;
   scenario.write(folder.path());
   std::string all;
@@ -31,14 +31,14 @@ std::string bytes_of(const Scenario& scenario) {
 }
 
 TEST(Street, IsTheSameForTheSameSeedAndNoOther) {
-  EXPECT_EQ(bytes_of(make_street({}, seed)), bytes_of(make_street({}, seed)));
-  EXPECT_NE(bytes_of(make_street({}, seed)), bytes_of(make_street({}, seed + 1)));
+  EXPECT_EQ(bytes_of(make_street<SE2>({}, seed)), bytes_of(make_street<SE2>({}, seed)));
+  EXPECT_NE(bytes_of(make_street<SE2>({}, seed)), bytes_of(make_street<SE2>({}, seed + 1)));
 }
 
 TEST(Street, OneNoiseLeavesAllOtherReadingsAlone) {
   StreetParams noisy_range;
   noisy_range.range_sigma_share = 0.05;
-  const Scenario a = make_street({}, seed), b = make_street(noisy_range, seed);
+  const Scenario<SE2> a = make_street<SE2>({}, seed), b = make_street<SE2>(noisy_range, seed);
   for (std::size_t v = 0; v < 2; ++v) {
     EXPECT_EQ(of_kind(a.vehicles[v], SensorEvent::Kind::odometry), of_kind(b.vehicles[v], SensorEvent::Kind::odometry));
     auto seen_a = of_kind(a.vehicles[v], SensorEvent::Kind::sighting);
@@ -52,9 +52,9 @@ TEST(Street, OneNoiseLeavesAllOtherReadingsAlone) {
 }
 
 TEST(Street, IsThePapersExperiment) {
-  const Scenario scenario = make_street({}, seed);
+  const Scenario<SE2> scenario = make_street<SE2>({}, seed);
   ASSERT_EQ(scenario.vehicles.size(), 2U);
-  const VehicleLog &front = scenario.vehicles[0], &back = scenario.vehicles[1];
+  const VehicleLog<SE2>&front = scenario.vehicles[0], &back = scenario.vehicles[1];
   EXPECT_EQ(scenario.common_frame_vehicle, front.id);
   EXPECT_EQ(front.truth.front().T_world_body.translation(), Eigen::Vector2d::Zero());
   EXPECT_EQ(back.truth.front().T_world_body.translation(), Eigen::Vector2d(-20.0, 0.0));
@@ -69,23 +69,23 @@ TEST(Street, IsThePapersExperiment) {
   EXPECT_NEAR(distance, StreetParams{}.distance_m, 0.5);
   EXPECT_NEAR(top_speed, 2.0, 0.15);
   ASSERT_TRUE(front.prior && back.prior);
-  EXPECT_EQ(front.prior->sigma_x_m + front.prior->sigma_y_m + front.prior->sigma_theta_rad, 0.0);
-  EXPECT_NEAR(back.prior->sigma_x_m * std::sqrt(-2.0 * std::log(0.05)), 22.0, 1e-9);
+  EXPECT_EQ(front.prior->sigma[0] + front.prior->sigma[1] + front.prior->sigma[2], 0.0);
+  EXPECT_NEAR(back.prior->sigma[0] * std::sqrt(-2.0 * std::log(0.05)), 22.0, 1e-9);
 }
 
 TEST(Street, LandmarksStandApartAndBesideTheStreet) {
   const StreetParams params;
-  const Scenario scenario = make_street(params, seed);
+  const Scenario<SE2> scenario = make_street<SE2>(params, seed);
   const double street_m = params.distance_m + params.gap_m;
   EXPECT_GT(static_cast<double>(scenario.landmarks.size()), 0.8 * street_m);
   EXPECT_LT(static_cast<double>(scenario.landmarks.size()), 1.3 * street_m);
   std::set<std::uint32_t> ids;
   for (std::size_t i = 0; i < scenario.landmarks.size(); ++i) {
-    const TruthLandmark& landmark = scenario.landmarks[i];
+    const TruthLandmark<SE2>& landmark = scenario.landmarks[i];
     ids.insert(landmark.id);
     for (std::size_t k = 0; k < i; ++k)
       ASSERT_GE((landmark.p_world_m - scenario.landmarks[k].p_world_m).norm(), params.landmark_spacing_m - 1e-5);
-    for (const VehicleLog& vehicle : scenario.vehicles)
+    for (const VehicleLog<SE2>& vehicle : scenario.vehicles)
       for (std::size_t k = 0; k < vehicle.truth.size(); k += 10)
         ASSERT_GE((landmark.p_world_m - vehicle.truth[k].T_world_body.translation()).norm(),
                   params.landmark_near_m - 0.1);
@@ -95,12 +95,12 @@ TEST(Street, LandmarksStandApartAndBesideTheStreet) {
 
 TEST(Street, SensorsErrAsDocumented) {
   const StreetParams params;
-  const Scenario scenario = make_street(params, seed);
-  for (const VehicleLog& log : scenario.vehicles) {
+  const Scenario<SE2> scenario = make_street<SE2>(params, seed);
+  for (const VehicleLog<SE2>& log : scenario.vehicles) {
     double range = 0, bearing = 0, product = 0, speed = 0, yaw = 0;
     int sightings = 0, readings = 0;
     std::map<std::uint32_t, Eigen::Vector2d> place;
-    for (const TruthLandmark& l : scenario.landmarks) place[l.id] = l.p_world_m;
+    for (const TruthLandmark<SE2>& l : scenario.landmarks) place[l.id] = l.p_world_m;
     for (const SensorEvent& e : log.sensors) {
       const auto T = truth_at(log.truth, e.t_s);
       ASSERT_TRUE(T);
@@ -132,7 +132,7 @@ TEST(Street, SensorsErrAsDocumented) {
 }
 
 TEST(Street, EachVehicleSeesItsOwnShareOfTheLandmarks) {
-  const Scenario scenario = make_street({}, seed);
+  const Scenario<SE2> scenario = make_street<SE2>({}, seed);
   std::set<std::uint32_t> seen[2], common;
   for (int v = 0; v < 2; ++v)
     for (const SensorEvent& event :
@@ -149,7 +149,7 @@ TEST(Street, RefusesParametersOutOfRange) {
   const auto refused = [](auto change) {
     StreetParams params;
     change(params);
-    return !test::config_error_of([&] { make_street(params, 1); }).empty();
+    return !test::config_error_of([&] { make_street<SE2>(params, 1); }).empty();
   };
   EXPECT_TRUE(refused([](StreetParams& p) { p.turns.push_back(1); }));
   EXPECT_TRUE(refused([](StreetParams& p) { p.distance_m = 1e4; }));

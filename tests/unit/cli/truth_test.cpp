@@ -15,32 +15,32 @@ TEST(FitRigid, RecoversAKnownMotion) {
     from.emplace_back(10.0 * rng.normal(i, 0), rng.normal(i, 1));
     to.push_back(T * from.back());
   }
-  const auto fit = fit_rigid(from, to);
+  const auto fit = fit_rigid<SE2>(from, to);
   ASSERT_TRUE(fit);
   EXPECT_LT((fit->T_to_from.inverse() * T).Log().norm(), 1e-12);
   EXPECT_LT(fit->rmse_m, 1e-12);
 }
 
 TEST(FitRigid, DoesNotScale) {
-  const auto fit = fit_rigid({{-1.0, 0.0}, {1.0, 0.0}}, {{-2.0, 0.0}, {2.0, 0.0}});
+  const auto fit = fit_rigid<SE2>({{-1.0, 0.0}, {1.0, 0.0}}, {{-2.0, 0.0}, {2.0, 0.0}});
   ASSERT_TRUE(fit);
   EXPECT_NEAR(fit->rmse_m, 1.0, 1e-12);
 }
 
 TEST(FitRigid, IsEmptyWhenThePointsDoNotFixIt) {
-  EXPECT_FALSE(fit_rigid({}, {}));
-  EXPECT_FALSE(fit_rigid({{1.0, 2.0}}, {{3.0, 4.0}}));
-  EXPECT_FALSE(fit_rigid({{1.0, 2.0}, {2.0, 3.0}}, {{3.0, 4.0}}));
-  EXPECT_FALSE(fit_rigid({{1.0, 2.0}, {1.0, 2.0}}, {{3.0, 4.0}, {4.0, 4.0}}));
+  EXPECT_FALSE(fit_rigid<SE2>({}, {}));
+  EXPECT_FALSE(fit_rigid<SE2>({{1.0, 2.0}}, {{3.0, 4.0}}));
+  EXPECT_FALSE(fit_rigid<SE2>({{1.0, 2.0}, {2.0, 3.0}}, {{3.0, 4.0}}));
+  EXPECT_FALSE(fit_rigid<SE2>({{1.0, 2.0}, {1.0, 2.0}}, {{3.0, 4.0}, {4.0, 4.0}}));
 }
 
 TEST(TruthAt, FollowsTheArcAndStopsAtGaps) {
   const SE2 quarter = SE2::Exp({0.5 * M_PI, 0.0, 0.5 * M_PI});  // a quarter of the unit circle
-  const std::vector<TruthPose> truth{{1.0, SE2()}, {1.4, quarter}, {9.0, quarter}};
+  const std::vector<TruthPose<SE2>> truth{{1.0, SE2()}, {1.4, quarter}, {9.0, quarter}};
   EXPECT_FALSE(truth_at(truth, 0.9));
   EXPECT_FALSE(truth_at(truth, 2.0));
   EXPECT_FALSE(truth_at(truth, 9.1));
-  EXPECT_FALSE(truth_at({}, 1.0));
+  EXPECT_FALSE(truth_at<SE2>({}, 1.0));
   ASSERT_TRUE(truth_at(truth, 1.2));
   const SE2 middle = *truth_at(truth, 1.2);
   EXPECT_NEAR(middle.theta(), 0.25 * M_PI, 1e-12);
@@ -50,7 +50,7 @@ TEST(TruthAt, FollowsTheArcAndStopsAtGaps) {
 
 TEST(TruthMount, IsFoundFromTheTruthAlone) {
   const SE2 T_body_truth(0.03, 0.0, -0.015);
-  std::vector<TruthPose> truth;
+  std::vector<TruthPose<SE2>> truth;
   SE2 T_world_body(5.0, 3.0, 1.0);
   const CounterRng rng(2, 0, 0);
   for (std::uint32_t i = 0; i < 4000; ++i) {
@@ -68,7 +68,7 @@ TEST(TruthMount, IsFoundFromTheTruthAlone) {
 }
 
 TEST(TruthMount, IsEmptyForAVehicleThatStands) {
-  std::vector<TruthPose> truth;
+  std::vector<TruthPose<SE2>> truth;
   for (int i = 0; i < 1000; ++i) truth.push_back({0.05 * i, SE2(1.0, 2.0, 0.5)});
   EXPECT_FALSE(find_truth_mount(truth));
   EXPECT_FALSE(find_truth_mount({}));

@@ -9,7 +9,7 @@ TEST(LateChain, AChainThatBeginsBetweenTwoAnchorsStatesCovariances) {
   int bad = 0, runs = 0, control = 0;
   for (std::uint64_t seed = 1; seed <= 40; ++seed)
     for (double start_m : {0.0, 4.0, 8.0, 12.0, 20.0, 24.0}) {
-      test::RangeBearingWorld world(test::quiet_params(), seed);
+      test::RangeBearingWorld<SE2> world(test::quiet_params(), seed);
       world.drive(start_m, 0.04);
       InProcessNetwork<SE2> network;
       const auto exchange = network.join();

@@ -20,9 +20,9 @@ class VehicleConfigTest : public testing::Test {
   VehicleConfigTest() : file_(fs::temp_directory_path() / ("convoy_config_" + std::to_string(::getpid()) + ".xml")) {}
   ~VehicleConfigTest() override { fs::remove(file_); }
 
-  VehicleConfig load(const std::string& text) {
+  VehicleConfig<SE2> load(const std::string& text) {
     std::ofstream(file_, std::ios::trunc) << text;
-    return load_vehicle_config(file_);
+    return load_vehicle_config<SE2>(file_);
   }
   /// What is said of `text`, without the path: "line: what".
   std::string refusal(const std::string& text) {
@@ -48,7 +48,7 @@ class VehicleConfigTest : public testing::Test {
 };
 
 TEST_F(VehicleConfigTest, AWholeFileIsRead) {
-  const VehicleConfig c = load(
+  const VehicleConfig<SE2> c = load(
       "<?xml version=\"1.0\"?>\n<!-- a vehicle -->\n<convoy version=\"1\">\n"
       "  <vehicle id=\"2\" state_folder=\"state\" roster=\"1 2\" first_epoch=\"7\"/>\n"
       "  <dds domain=\"232\" max_queued_messages=\"12\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
@@ -63,21 +63,66 @@ TEST_F(VehicleConfigTest, AWholeFileIsRead) {
 }
 
 TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
-  VehicleConfig c;
+  VehicleConfig<SE2> c;
   c.vehicle.id = 3;
   c.vehicle.state_folder = "/somewhere/state";
   c.first_epoch = 12;
   c.impairment.jitter_s = 0.1;
   c.vehicle.submaps.map_period_s = 1.0 / 3.0;
   c.vehicle.submaps.selection.common_frame_is_enu = true;
-  c.sensors.fix_lever_x_m = -1.25;
+  c.sensors.fix_lever[0] = -1.25;
   save_vehicle_config(c, file_);
-  const VehicleConfig back = load_vehicle_config(file_);
+  const VehicleConfig<SE2> back = load_vehicle_config<SE2>(file_);
   EXPECT_EQ(back.first_epoch, 12U);
   EXPECT_EQ(back.impairment.jitter_s, 0.1);
   EXPECT_EQ(back.vehicle.submaps.map_period_s, 1.0 / 3.0);
   EXPECT_TRUE(back.vehicle.submaps.selection.common_frame_is_enu);
-  EXPECT_EQ(back.sensors.fix_lever_x_m, -1.25);
+  EXPECT_EQ(back.sensors.fix_lever[0], -1.25);
+}
+
+TEST_F(VehicleConfigTest, AFleetInSpaceIsSavedAndReadBack) {
+  VehicleConfig<SE3> c;
+  c.vehicle.id = 3;
+  c.front_end.sigma_elevation_rad = 0.004;
+  c.vehicle.drift.rate << 1e-5, 2e-5, 3e-5, 4e-7, 5e-7, 6e-7;
+  c.vehicle.mark = {1.0, 2.0, 3.0};
+  c.sensors.fix_lever = {0.1, 0.2, 1.5};
+  SE3::Tangent sigma;
+  sigma << 9.0, 8.0, 1.0, 0.05, 0.06, 0.3;
+  const SE3 mean = SE3::from_rotation(Eigen::Matrix3d::Identity(), {1.0, 2.0, 3.0}) *
+                   SE3::Exp(0.7 * SE3::Tangent::Unit(5)) * SE3::Exp(-0.2 * SE3::Tangent::Unit(4)) *
+                   SE3::Exp(0.1 * SE3::Tangent::Unit(3));
+  c.vehicle.static_bias = Estimate<SE3>{mean, sigma.cwiseAbs2().asDiagonal()};
+  save_vehicle_config(c, file_);
+  EXPECT_EQ(fleet_dimension(file_), 3);
+  const VehicleConfig<SE3> back = load_vehicle_config<SE3>(file_);
+  EXPECT_EQ(back.front_end.sigma_elevation_rad, 0.004);
+  EXPECT_EQ(back.vehicle.drift.rate, c.vehicle.drift.rate);
+  EXPECT_EQ(back.vehicle.mark, c.vehicle.mark);
+  EXPECT_EQ(back.sensors.fix_lever, c.sensors.fix_lever);
+  ASSERT_TRUE(back.vehicle.static_bias);
+  EXPECT_LT((back.vehicle.static_bias->mean.inverse() * mean).Log().norm(), 1e-14);
+  EXPECT_TRUE(back.vehicle.static_bias->covariance.isApprox(c.vehicle.static_bias->covariance, 1e-14));
+}
+
+TEST_F(VehicleConfigTest, TheDimensionOfAFleetIsTwoOrThreeAndThatOfTheProgram) {
+  const auto with = [](const std::string& fleet, const std::string& more = "") {
+    return "<convoy version=\"1\">\n" + fleet + "\n<vehicle id=\"1\"" + more + "/></convoy>\n";
+  };
+  EXPECT_EQ(refusal(with("<fleet dimension=\"2\"/>")), "accepted");
+  EXPECT_EQ(refusal(with("<fleet/>")), "accepted");  // planar by default
+  EXPECT_EQ(fleet_dimension(file_), 2);
+  EXPECT_THAT(refusal(with("<fleet dimension=\"4\"/>")),
+              HasSubstr("2: <fleet dimension> must be 2 (planar) or 3 (in space)"));
+  EXPECT_THAT(refusal(with("<fleet dimension=\"two\"/>")), HasSubstr("2: <fleet dimension>: 'two' is no whole number"));
+  EXPECT_THAT(refusal(with("<fleet size=\"2\"/>")), HasSubstr("2: <fleet> has no entry 'size'; it has: dimension"));
+  EXPECT_THAT(refusal(with("<fleet/>\n<fleet/>")), HasSubstr("3: <fleet> stands here for the second time"));
+  EXPECT_THAT(refusal(with("<fleet dimension=\"3\"/>")),
+              HasSubstr("2: <fleet dimension> is 3, and a fleet of dimension 2 is driven here"));
+  // What only a vehicle in space has is no entry of a planar one.
+  EXPECT_THAT(refusal(with("", " mark_z_m=\"1\"")), HasSubstr("3: <vehicle> has no entry 'mark_z_m'"));
+  load(with("<fleet dimension=\"2\"/>"));
+  EXPECT_THROW(load_vehicle_config<SE3>(file_), ConfigError);
 }
 
 TEST_F(VehicleConfigTest, NothingButOneRootIsAccepted) {

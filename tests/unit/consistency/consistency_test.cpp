@@ -97,19 +97,21 @@ struct Simulated {
   Summary raw, local;
 };
 
+template <class G>
 Simulated simulate(const EkfSlamParams& params, const char* what) {
-  const auto driven = each_run(slam_runs, [&](int run) { return drive_ekf_slam(params, seed, run); });
-  const auto at = [&](int run) -> const SlamRun& { return driven[static_cast<std::size_t>(run)]; };
+  const auto driven = each_run(slam_runs, [&](int run) { return drive_ekf_slam<G>(params, seed, run); });
+  const auto at = [&](int run) -> const SlamRun<G>& { return driven[static_cast<std::size_t>(run)]; };
   Simulated s;
-  s.raw = summarise(each_run(slam_runs, [&](int run) { return judge_raw(raw_tracks(at(run))); }), 3);
+  s.raw = summarise(each_run(slam_runs, [&](int run) { return judge_raw(raw_tracks(at(run))); }), G::Dof);
   s.local = summarise(
-      each_run(slam_runs, [&](int run) { return judge_ekf_slam(at(run), params, {}, SparseMap<SE2>(), seed, run); }), 3);
+      each_run(slam_runs, [&](int run) { return judge_ekf_slam(at(run), params, {}, SparseMap<G>(), seed, run); }),
+      G::Dof);
   print(what, s.local);
   return s;
 }
 
 TEST(Consistency, EkfSlamWithDefaults) {
-  const Simulated s = simulate({}, "EKF-SLAM");
+  const Simulated s = simulate<SE2>({}, "EKF-SLAM");
   EXPECT_GE(s.local.anees, 0.6);
   EXPECT_LE(s.local.anees, 1.15);
   EXPECT_GE(s.local.coverage95, 0.94);
@@ -124,7 +126,28 @@ TEST(Consistency, EkfSlamWithScaleAndYawUntold) {
   EkfSlamParams params;
   params.scale_error = 0.01;
   params.gyro_bias_rad_per_m = 2e-4;
-  const Simulated s = simulate(params, "EKF-SLAM, scale and yaw");
+  const Simulated s = simulate<SE2>(params, "EKF-SLAM, scale and yaw");
+  EXPECT_LE(s.local.anees, 1.15);
+  EXPECT_GE(s.local.coverage95, 0.94);
+  EXPECT_LE(s.local.distance_rmse_m, 0.15);
+}
+
+TEST(Consistency, EkfSlamInSpaceWithDefaults) {
+  const Simulated s = simulate<SE3>({}, "EKF-SLAM, space");
+  EXPECT_GE(s.local.anees, 0.6);
+  EXPECT_LE(s.local.anees, 1.15);
+  EXPECT_GE(s.local.coverage95, 0.94);
+  EXPECT_LE(s.local.distance_rmse_m, 0.15);
+  EXPECT_EQ(s.local.false_fusions, 0);
+  EXPECT_GT(s.local.true_stated, 10 * slam_runs);
+  EXPECT_EQ(s.local.unlinked_runs, 0);
+}
+
+TEST(Consistency, EkfSlamInSpaceWithScaleAndYawUntold) {
+  EkfSlamParams params;
+  params.scale_error = 0.01;
+  params.gyro_bias_rad_per_m = 2e-4;
+  const Simulated s = simulate<SE3>(params, "EKF-SLAM, space, scale and yaw");
   EXPECT_LE(s.local.anees, 1.15);
   EXPECT_GE(s.local.coverage95, 0.94);
   EXPECT_LE(s.local.distance_rmse_m, 0.15);
@@ -133,7 +156,7 @@ TEST(Consistency, EkfSlamWithScaleAndYawUntold) {
 TEST(Consistency, EkfSlamOverALossyNetwork) {
   EkfSlamParams params;
   params.loss = 0.3;
-  const Simulated s = simulate(params, "EKF-SLAM, 30 % lost");
+  const Simulated s = simulate<SE2>(params, "EKF-SLAM, 30 % lost");
   EXPECT_LE(s.local.anees, 1.15);
   EXPECT_GE(s.local.coverage95, 0.94);
   EXPECT_LE(s.local.distance_rmse_m, 0.1 * s.raw.distance_rmse_m);  // half of the batches arrive: less is known, and it says so
@@ -164,15 +187,17 @@ TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
     params.path = Path::straight;
     params.repeat_m = repeat_m;
     for (const std::size_t batches : {1U, 2U, 4U, 100U}) {
-      const Summary s = summarise(each_run(slam_runs / 2, [&](int run) {
-                                    SlamRun driven = drive_ekf_slam(params, seed, run);
-                                    for (SlamRun::Vehicle& v : driven.vehicles) {
-                                      const std::size_t count = std::min(batches, v.segments.size());
-                                      v.segments.resize(count);
-                                      v.truth.resize(count);
-                                    }
-                                    return judge_ekf_slam(driven, params, {}, SparseMap<SE2>(), seed, run);
-                                  }), 3);
+      const Summary s = summarise(each_run(slam_runs / 2,
+                                           [&](int run) {
+                                             SlamRun<SE2> driven = drive_ekf_slam<SE2>(params, seed, run);
+                                             for (SlamRun<SE2>::Vehicle& v : driven.vehicles) {
+                                               const std::size_t count = std::min(batches, v.segments.size());
+                                               v.segments.resize(count);
+                                               v.truth.resize(count);
+                                             }
+                                             return judge_ekf_slam(driven, params, {}, SparseMap<SE2>(), seed, run);
+                                           }),
+                                  3);
       print(("a street that repeats itself, batches: " + std::to_string(batches)).c_str(), s);
       EXPECT_GT(s.false_stated, slam_runs / 4) << "no double was ever seen";
       EXPECT_EQ(s.false_fusions, 0);

@@ -12,9 +12,10 @@
 namespace convoy {
 namespace {
 
+template <class G>
 struct RangeBearingDrive {
-  using Group = SE2;
-  FrontEnd<SE2>& front_end() { return world.filter(); }
+  using Group = G;
+  FrontEnd<G>& front_end() { return world.filter(); }
   void run(const std::function<void()>& after_input) {
     world.drive(60.0, 0.03, after_input);
     world.drive(60.0, -0.05, after_input);
@@ -27,7 +28,7 @@ struct RangeBearingDrive {
     p.trail_spacing_m = 1.0;
     return p;
   }
-  test::RangeBearingWorld world{params(), 11};
+  test::RangeBearingWorld<G> world{params(), 11};
 };
 
 template <class G>
@@ -64,7 +65,8 @@ struct FrozenDrive {
 }  // namespace convoy
 
 namespace convoy::testing {
-INSTANTIATE_TYPED_TEST_SUITE_P(RangeBearingEkf, FrontEndContract, RangeBearingDrive);
+using RangeBearingDrives = ::testing::Types<RangeBearingDrive<SE2>, RangeBearingDrive<SE3>>;
+INSTANTIATE_TYPED_TEST_SUITE_P(RangeBearingEkf, FrontEndContract, RangeBearingDrives);
 using FrozenDrives = ::testing::Types<FrozenDrive<SE2>, FrozenDrive<SE3>>;
 INSTANTIATE_TYPED_TEST_SUITE_P(FrozenLandmarks, FrontEndContract, FrozenDrives);
 }  // namespace convoy::testing

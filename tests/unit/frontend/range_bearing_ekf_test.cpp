@@ -41,18 +41,20 @@ struct Nees {
   }
 };
 
+template <class G>
 struct Consistency {
-  Nees landmarks{{}, 2}, steps{{}, 3};
+  Nees landmarks{{}, G::Dim}, steps{{}, G::Dof};
 };
 
 // One landmark and one step between anchors per run: values are independent of each other.
-Consistency monte_carlo(int first_seed, int runs) {
-  Consistency result;
+template <class G>
+Consistency<G> monte_carlo(int first_seed, int runs) {
+  Consistency<G> result;
   for (int seed = first_seed; seed < first_seed + runs; ++seed) {
-    test::RangeBearingWorld world(test::quiet_params(), static_cast<std::uint64_t>(seed));
-    std::vector<Segment<SE2>> segments;
-    std::vector<SE2> truth{SE2()};
-    std::vector<FrontEndState<SE2>> closings{{}};
+    test::RangeBearingWorld<G> world(test::quiet_params(), static_cast<std::uint64_t>(seed));
+    std::vector<Segment<G>> segments;
+    std::vector<G> truth{G()};
+    std::vector<FrontEndState<G>> closings{{}};
     world.drive(110.0, 0.04, [&] {
       for (auto& segment : world.filter().take_segments()) {
         truth.push_back(world.passed().at(segment.closing.stamp_s));
@@ -67,29 +69,35 @@ Consistency monte_carlo(int first_seed, int runs) {
     EXPECT_FALSE(segment.landmarks.empty());
     if (segment.landmarks.empty()) continue;
     const auto& l = segment.landmarks[static_cast<std::size_t>(seed) % segment.landmarks.size()];
-    const SE2::Point expected = truth[k].inverse() * world.points()[l.track];
-    result.landmarks.values.push_back(squared_mahalanobis(SE2::Point(l.position - expected), l.covariance));
-    const ChainState<SE2> a{0, 0, closings[k - 1].pose, closings[k - 1].slam_drift};
-    const ChainState<SE2> b{0, 0, closings[k].pose, closings[k].slam_drift};
+    const typename G::Point expected = truth[k].inverse() * world.points()[l.track];
+    result.landmarks.values.push_back(squared_mahalanobis(typename G::Point(l.position - expected), l.covariance));
+    const ChainState<G> a{0, 0, closings[k - 1].pose, closings[k - 1].slam_drift};
+    const ChainState<G> b{0, 0, closings[k].pose, closings[k].slam_drift};
     const auto step = increment(a, b);
-    const SE2 actual = truth[k - 1].inverse() * truth[k];
+    const G actual = truth[k - 1].inverse() * truth[k];
     result.steps.values.push_back(squared_mahalanobis((step.motion.inverse() * actual).Log(), step.covariance));
   }
   return result;
 }
 
-TEST(RangeBearingEkf, IsConsistentOverManyWorlds) {
-  const Consistency c = monte_carlo(1000, 150);
+template <class G>
+void expect_consistent_over_many_worlds() {
+  const Consistency<G> c = monte_carlo<G>(1000, 150);
   ASSERT_GE(c.landmarks.values.size(), 140U);
-  std::printf("NEES per dof: landmarks %.3f, steps %.3f\n", c.landmarks.mean() / 2.0, c.steps.mean() / 3.0);
-  EXPECT_TRUE(c.landmarks.in_band()) << "landmark NEES / 2 = " << c.landmarks.mean() / 2.0;
-  EXPECT_TRUE(c.steps.in_band()) << "step NEES / 3 = " << c.steps.mean() / 3.0;
+  std::printf("seeds 1000..1149, NEES per dof: landmarks %.3f, steps %.3f\n", c.landmarks.mean() / G::Dim,
+              c.steps.mean() / G::Dof);
+  EXPECT_TRUE(c.landmarks.in_band()) << "landmark NEES / Dim = " << c.landmarks.mean() / G::Dim;
+  EXPECT_TRUE(c.steps.in_band()) << "step NEES / Dof = " << c.steps.mean() / G::Dof;
   // The test can fail: covariances that are wrong by a factor of two do.
   for (const double factor : {0.5, 2.0}) {
     EXPECT_FALSE(c.landmarks.in_band(factor)) << factor;
     EXPECT_FALSE(c.steps.in_band(factor)) << factor;
   }
 }
+
+TEST(RangeBearingEkf, IsConsistentOverManyWorlds) { expect_consistent_over_many_worlds<SE2>(); }
+
+TEST(RangeBearingEkf, IsConsistentOverManyWorldsInSpace) { expect_consistent_over_many_worlds<SE3>(); }
 
 TEST(RangeBearingEkf, TheTrailIsCloserToTheTruthThanWhatWasSaidThen) {
   RangeBearingEkfParams params = test::quiet_params();
@@ -100,7 +108,7 @@ TEST(RangeBearingEkf, TheTrailIsCloserToTheTruthThanWhatWasSaidThen) {
   double smoothed = 0.0, filtered = 0.0;
   int states = 0;
   for (std::uint64_t seed = 1; seed <= 15; ++seed) {
-    test::RangeBearingWorld world(params, seed);
+    test::RangeBearingWorld<SE2> world(params, seed);
     std::map<double, FrontEndState<SE2>> said;
     FrontEndState<SE2> anchor;
     world.drive(60.0, 0.04, [&] {
@@ -135,7 +143,7 @@ TEST(RangeBearingEkf, PredictsWithTheNoiseItIsTold) {
   p.sigma_heading_per_sqrt_s = 0.02;
   p.distance_scale = 1.1;
   p.angle_scale = 0.9;
-  RangeBearingEkf filter(p);
+  RangeBearingEkf<SE2> filter(p);
   SE2 pose;
   SE2::Covariance drift = SE2::Covariance::Zero();
   for (int k = 0; k < 20; ++k) {  // 18.7 m: the segment stays open
@@ -154,10 +162,39 @@ TEST(RangeBearingEkf, PredictsWithTheNoiseItIsTold) {
   EXPECT_NEAR(state.abscissa_m, 20 * 1.1 * 1.7 * 0.5, 1e-9);
 }
 
+// Wheels say how far and how much to the left; what the road does to roll, pitch and height is told as noise.
+TEST(RangeBearingEkf, PredictsInSpaceWithTheNoiseItIsTold) {
+  RangeBearingEkfParams p;
+  p.sigma_along_per_sqrt_m = 0.1;
+  p.sigma_across_per_sqrt_m = 0.03;
+  p.sigma_vertical_per_sqrt_m = 0.02;
+  p.sigma_tilt_per_sqrt_m = 0.005;
+  p.sigma_heading_per_sqrt_m = 0.01;
+  p.sigma_heading_per_sqrt_rad = 0.0;
+  RangeBearingEkf<SE3> filter(p);
+  SE3 pose;
+  SE3::Covariance drift = SE3::Covariance::Zero();
+  for (int k = 0; k < 20; ++k) {  // 17 m: the segment stays open
+    const double v = 1.7, omega = k % 2 ? -0.3 : 0.5, dt = 0.5, d = v * dt;
+    ASSERT_TRUE(filter.on_odometry(dt * k, v, omega));
+    SE3::Tangent motion = SE3::Tangent::Zero(), variance;
+    motion[0] = d;
+    motion[5] = omega * dt;
+    variance << 0.01, 9e-4, 4e-4, 2.5e-5, 2.5e-5, 1e-4;
+    pose = pose * SE3::Exp(motion);
+    drift += pose.adjoint() * (d * variance).asDiagonal() * pose.adjoint().transpose();
+  }
+  ASSERT_TRUE(filter.on_odometry(10.0, 0.0, 0.0));
+  const auto state = filter.state();
+  EXPECT_LT((state.pose.inverse() * pose).Log().norm(), 1e-12);
+  EXPECT_EQ(state.pose.translation().z(), 0.0);
+  EXPECT_LT((state.slam_drift - drift).norm(), 1e-12 * drift.norm() + 1e-14);
+}
+
 TEST(RangeBearingEkf, StandingStillAddsNoUncertainty) {
-  test::RangeBearingWorld world(test::quiet_params(), 4);
+  test::RangeBearingWorld<SE2> world(test::quiet_params(), 4);
   world.drive(12.0, 0.02);
-  RangeBearingEkf& filter = world.filter();
+  RangeBearingEkf<SE2>& filter = world.filter();
   ASSERT_TRUE(filter.on_odometry(world.now_s(), 0.0, 0.0));
   const auto before = filter.state();
   for (int k = 1; k <= 100; ++k) ASSERT_TRUE(filter.on_odometry(world.now_s() + k, 0.0, 0.0));
@@ -170,7 +207,7 @@ TEST(RangeBearingEkf, StandingStillAddsNoUncertainty) {
 TEST(RangeBearingEkf, ASilentOdometerIsNotTrustedForever) {
   RangeBearingEkfParams p = test::quiet_params();
   p.max_odometry_gap_s = 2.0;
-  RangeBearingEkf filter(p);
+  RangeBearingEkf<SE2> filter(p);
   ASSERT_TRUE(filter.on_odometry(0.0, 1.0, 0.0));
   ASSERT_TRUE(filter.on_odometry(10.0, 0.0, 0.0));
   EXPECT_NEAR(filter.state().abscissa_m, 2.0, 1e-12);
@@ -180,9 +217,9 @@ TEST(RangeBearingEkf, ASilentOdometerIsNotTrustedForever) {
 // ---- bad input ----
 
 TEST(RangeBearingEkf, RefusesAndCountsBadInputAndStaysAsItWas) {
-  test::RangeBearingWorld world(test::quiet_params(), 4);
+  test::RangeBearingWorld<SE2> world(test::quiet_params(), 4);
   world.drive(15.0, 0.02);
-  RangeBearingEkf& filter = world.filter();
+  RangeBearingEkf<SE2>& filter = world.filter();
   const auto before = filter.state();
   const auto counters = filter.counters();
   const double t = before.stamp_s;
@@ -204,18 +241,28 @@ TEST(RangeBearingEkf, RefusesAndCountsBadInputAndStaysAsItWas) {
   EXPECT_TRUE(filter.take_segments().empty());
 
   // What follows comes out as if nothing had happened.
-  test::RangeBearingWorld twin(test::quiet_params(), 4);
+  test::RangeBearingWorld<SE2> twin(test::quiet_params(), 4);
   twin.drive(15.0, 0.02);
   twin.drive(40.0, 0.02);
   world.drive(40.0, 0.02);
   EXPECT_TRUE(identical(filter.state(), twin.filter().state()));
 }
 
+TEST(RangeBearingEkf, NothingIsSeenBeyondTheZenith) {
+  RangeBearingEkf<SE3> filter(test::quiet_params());
+  ASSERT_TRUE(filter.on_odometry(0.0, 1.0, 0.0));
+  EXPECT_TRUE(filter.on_sighting(0.0, 1, 5.0, 0.3, 0.5 * M_PI));
+  for (const double elevation_rad : {0.51 * M_PI, -0.51 * M_PI, nan, infinity})
+    EXPECT_FALSE(filter.on_sighting(0.0, 2, 5.0, 0.3, elevation_rad));
+  EXPECT_EQ(filter.counters().sightings_invalid, 4U);
+  EXPECT_EQ(filter.tracked(), 1U);
+}
+
 // ---- tracking ----
 
 /// A filter that has followed one landmark, 10 m to the left of a straight path of 10 m; standing at 10 m, t = 10 s.
-RangeBearingEkf one_track(const RangeBearingEkfParams& params) {
-  RangeBearingEkf filter(params);
+RangeBearingEkf<SE2> one_track(const RangeBearingEkfParams& params) {
+  RangeBearingEkf<SE2> filter(params);
   for (int k = 0; k <= 10; ++k) {
     filter.on_odometry(k, k < 10 ? 1.0 : 0.0, 0.0);
     const Eigen::Vector2d y(5.0 - k, 10.0);
@@ -226,7 +273,7 @@ RangeBearingEkf one_track(const RangeBearingEkfParams& params) {
 const double range_now = std::hypot(-5.0, 10.0), bearing_now = std::atan2(10.0, -5.0);
 
 TEST(RangeBearingEkf, GatesAnOutlierAndStaysAsItWas) {
-  RangeBearingEkf filter = one_track(test::quiet_params());
+  RangeBearingEkf<SE2> filter = one_track(test::quiet_params());
   const auto before = filter.state();
   EXPECT_FALSE(filter.on_sighting(10.0, 7, range_now + 3.0, bearing_now));
   EXPECT_FALSE(filter.on_sighting(10.0, 7, range_now, bearing_now + 0.5));
@@ -239,7 +286,7 @@ TEST(RangeBearingEkf, GatesAnOutlierAndStaysAsItWas) {
 TEST(RangeBearingEkf, DropsATrackAfterTooManyRejectionsInARow) {
   RangeBearingEkfParams params = test::quiet_params();
   params.max_rejections = 3;
-  RangeBearingEkf filter = one_track(params);
+  RangeBearingEkf<SE2> filter = one_track(params);
   EXPECT_FALSE(filter.on_sighting(10.0, 7, range_now + 5.0, bearing_now));
   EXPECT_FALSE(filter.on_sighting(10.0, 7, range_now + 5.0, bearing_now));
   EXPECT_TRUE(filter.on_sighting(10.0, 7, range_now, bearing_now));  // not in a row
@@ -257,7 +304,7 @@ TEST(RangeBearingEkf, DropsATrackAfterTooManyRejectionsInARow) {
 TEST(RangeBearingEkf, ThinsSightingsThatShareTheirErrors) {
   RangeBearingEkfParams params = test::quiet_params();
   params.min_sighting_interval_s = 0.5;
-  RangeBearingEkf filter = one_track(params);
+  RangeBearingEkf<SE2> filter = one_track(params);
   const auto before = filter.state();
   EXPECT_FALSE(filter.on_sighting(10.0, 7, range_now, bearing_now));
   EXPECT_FALSE(filter.on_sighting(10.4, 7, range_now, bearing_now));
@@ -270,7 +317,7 @@ TEST(RangeBearingEkf, ThinsSightingsThatShareTheirErrors) {
 // ---- segments ----
 
 TEST(RangeBearingEkf, FinishClosesTheSegmentWithWhatMayLeave) {
-  RangeBearingEkf filter = one_track(test::quiet_params());
+  RangeBearingEkf<SE2> filter = one_track(test::quiet_params());
   ASSERT_TRUE(filter.on_sighting(10.0, 8, 5.0, 0.0));  // seen once: stays
   filter.finish();
   const auto segments = filter.take_segments();
@@ -286,7 +333,7 @@ TEST(RangeBearingEkf, FinishClosesTheSegmentWithWhatMayLeave) {
 }
 
 TEST(RangeBearingEkf, AFrozenLandmarkHasLeftAndItsSightingsServeOnce) {
-  RangeBearingEkf filter = one_track(test::quiet_params());
+  RangeBearingEkf<SE2> filter = one_track(test::quiet_params());
   filter.finish();
   ASSERT_EQ(filter.take_segments().size(), 1U);
   ASSERT_EQ(filter.tracked(), 0U);
@@ -302,7 +349,7 @@ TEST(RangeBearingEkf, AFrozenLandmarkHasLeftAndItsSightingsServeOnce) {
 TEST(RangeBearingEkf, TheExportableStateKnowsNothingByLandmarksThatHaveLeft) {
   RangeBearingEkfParams forgets = test::quiet_params();
   forgets.max_remembered = 0;
-  test::RangeBearingWorld with(test::quiet_params(), 3), without(forgets, 3);
+  test::RangeBearingWorld<SE2> with(test::quiet_params(), 3), without(forgets, 3);
   with.drive(70.0, 0.04);
   without.drive(70.0, 0.04);
   ASSERT_FALSE(with.filter().take_segments().empty());
@@ -312,25 +359,26 @@ TEST(RangeBearingEkf, TheExportableStateKnowsNothingByLandmarksThatHaveLeft) {
 }
 
 // Landmarks that were exported are still known, where they are from here, with the covariance that is stated.
-TEST(RangeBearingEkf, RemembersWhereExportedLandmarksAreFromHere) {
+template <class G>
+void expect_remembered_landmarks_where_they_are() {
   double nees = 0.0;
   int dof = 0;
   for (std::uint64_t seed = 1; seed <= 30; ++seed) {
-    test::RangeBearingWorld world(test::quiet_params(), seed);
+    test::RangeBearingWorld<G> world(test::quiet_params(), seed);
     world.drive(70.0, 0.04);
     std::set<std::uint64_t> exported;
     for (const auto& segment : world.filter().take_segments())
       for (const auto& landmark : segment.landmarks) exported.insert(landmark.track);
     ASSERT_FALSE(exported.empty());
-    const RelativeLandmarks<SE2> all = world.filter().remembered();
+    const RelativeLandmarks<G> all = world.filter().remembered();
     std::vector<std::size_t> indices;
     for (std::size_t i = 0; i < all.tracks.size(); ++i)
       if (exported.count(all.tracks[i]) > 0) indices.push_back(i);
     ASSERT_GE(indices.size(), 5U);
-    const RelativeLandmarks<SE2> known = subset(all, indices);
-    Eigen::VectorXd error(2 * static_cast<Eigen::Index>(indices.size()));
+    const RelativeLandmarks<G> known = subset(all, indices);
+    Eigen::VectorXd error(G::Dim * static_cast<Eigen::Index>(indices.size()));
     for (std::size_t i = 0; i < indices.size(); ++i)
-      error.segment<2>(2 * static_cast<Eigen::Index>(i)) =
+      error.template segment<G::Dim>(G::Dim * static_cast<Eigen::Index>(i)) =
           known.positions[i] - world.truth().inverse() * world.points()[known.tracks[i]];
     nees += squared_mahalanobis(error, known.covariance);
     dof += static_cast<int>(error.size());
@@ -339,8 +387,14 @@ TEST(RangeBearingEkf, RemembersWhereExportedLandmarksAreFromHere) {
   EXPECT_LT(nees / dof, 1.2);
 }
 
+TEST(RangeBearingEkf, RemembersWhereExportedLandmarksAreFromHere) { expect_remembered_landmarks_where_they_are<SE2>(); }
+
+TEST(RangeBearingEkf, RemembersWhereExportedLandmarksAreFromHereInSpace) {
+  expect_remembered_landmarks_where_they_are<SE3>();
+}
+
 TEST(RangeBearingEkf, MovesOnWithTimeAlone) {
-  RangeBearingEkf ekf(test::quiet_params());
+  RangeBearingEkf<SE2> ekf(test::quiet_params());
   ekf.on_odometry(1.0, 2.0, 0.0);
   EXPECT_TRUE(ekf.on_time(1.5));
   EXPECT_DOUBLE_EQ(ekf.state().abscissa_m, 1.0);
@@ -355,17 +409,17 @@ TEST(RangeBearingEkf, MovesOnWithTimeAlone) {
 TEST(RangeBearingEkf, FreezesNothingWithoutParallaxOrEnoughSightings) {
   RangeBearingEkfParams params = test::quiet_params();
   params.min_sightings = 12;  // it has 11
-  RangeBearingEkf few = one_track(params);
+  RangeBearingEkf<SE2> few = one_track(params);
   few.finish();
   EXPECT_TRUE(few.take_segments().at(0).landmarks.empty());
   params = test::quiet_params();
   params.min_parallax_rad = 1.5;  // atan(0.5) twice is 0.93
-  RangeBearingEkf narrow = one_track(params);
+  RangeBearingEkf<SE2> narrow = one_track(params);
   narrow.finish();
   EXPECT_TRUE(narrow.take_segments().at(0).landmarks.empty());
   params = test::quiet_params();
   params.max_sigma_m = 0.01;
-  RangeBearingEkf vague = one_track(params);
+  RangeBearingEkf<SE2> vague = one_track(params);
   vague.finish();
   EXPECT_TRUE(vague.take_segments().at(0).landmarks.empty());
 }
@@ -374,7 +428,7 @@ TEST(RangeBearingEkf, ClosesAtTheSegmentLengthOrAtLastWithoutABatch) {
   RangeBearingEkfParams params = test::quiet_params();
   params.segment_length_m = 20.0;
   params.max_segment_length_m = 45.0;
-  RangeBearingEkf blind(params);
+  RangeBearingEkf<SE2> blind(params);
   for (int k = 0; k <= 100; ++k) ASSERT_TRUE(blind.on_odometry(k, 1.0, 0.0));
   const auto segments = blind.take_segments();
   ASSERT_EQ(segments.size(), 2U);
@@ -382,7 +436,7 @@ TEST(RangeBearingEkf, ClosesAtTheSegmentLengthOrAtLastWithoutABatch) {
   EXPECT_EQ(segments[1].closing.abscissa_m, 90.0);
   EXPECT_TRUE(segments[0].landmarks.empty());
 
-  test::RangeBearingWorld world(params, 9);
+  test::RangeBearingWorld<SE2> world(params, 9);
   world.drive(50.0, 0.02);
   const auto seeing = world.filter().take_segments();
   ASSERT_EQ(seeing.size(), 2U);
@@ -395,7 +449,7 @@ TEST(RangeBearingEkfParams, AreChecked) {
     RangeBearingEkfParams params;
     change(params);
     try {
-      RangeBearingEkf filter(params);
+      RangeBearingEkf<SE2> filter(params);
     } catch (const ConfigError&) {
       return true;
     }
@@ -407,6 +461,9 @@ TEST(RangeBearingEkfParams, AreChecked) {
   EXPECT_TRUE(refused([](P& p) { p.sigma_heading_per_sqrt_s = nan; }));
   EXPECT_TRUE(refused([](P& p) { p.sigma_range_m = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.sigma_bearing_rad = nan; }));
+  EXPECT_TRUE(refused([](P& p) { p.sigma_elevation_rad = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.sigma_vertical_per_sqrt_m = -1.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.sigma_tilt_per_sqrt_m = nan; }));
   EXPECT_TRUE(refused([](P& p) { p.distance_scale = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.gate = 1.0; }));
   EXPECT_TRUE(refused([](P& p) { p.nis_confidence = 0.0; }));

@@ -1,7 +1,9 @@
-// A small world for the range-bearing front end, with exactly the noise that the filter is told.
+// A small world for the range-bearing front end, in the plane or in space, with exactly the noise that the filter is
+// told.
 #pragma once
 
 #include <convoy/frontend/range_bearing_ekf.hpp>
+#include <convoy/geometry/polar.hpp>
 
 #include "../random_world.hpp"
 
@@ -16,25 +18,29 @@ inline RangeBearingEkfParams quiet_params() {
   p.sigma_across_per_sqrt_m = 0.01;
   p.sigma_heading_per_sqrt_m = 0.005;
   p.sigma_heading_per_sqrt_rad = 0.02;
+  p.sigma_vertical_per_sqrt_m = 0.01;
+  p.sigma_tilt_per_sqrt_m = 0.005;
   p.sigma_range_m = 0.1;
   p.sigma_bearing_rad = 0.01;
+  p.sigma_elevation_rad = 0.01;
   p.gate = 0.9999;
   p.trail_spacing_m = 0.0;
   return p;
 }
 
 /// A vehicle at 2 m/s among points, 5 odometry inputs and one round of sightings per second.
+template <class G>
 class RangeBearingWorld {
  public:
   RangeBearingWorld(const RangeBearingEkfParams& params, std::uint64_t seed)
-      : params_(params), random_(seed), points_(scattered(random_, 240, 60.0, 3.0)), filter_(params) {}
+      : params_(params), random_(seed), points_(scattered<G>(random_, 240, 60.0, 3.0)), filter_(params) {}
 
-  RangeBearingEkf& filter() { return filter_; }
-  const SE2& truth() const { return truth_; }
-  const Points& points() const { return points_; }
+  RangeBearingEkf<G>& filter() { return filter_; }
+  const G& truth() const { return truth_; }
+  const PointsOf<G>& points() const { return points_; }
   double now_s() const { return stamp_s_; }
   /// Truth at every stamp passed.
-  const std::map<double, SE2>& passed() const { return passed_; }
+  const std::map<double, G>& passed() const { return passed_; }
 
   /// Drives on a curve of this curvature, calling after_input() after each input to the filter.
   void drive(
@@ -47,11 +53,18 @@ class RangeBearingWorld {
       stamp_s_ += dt_s;
       const double angle = curvature_per_m * step_m;
       const auto square = [](double x) { return x * x; };
-      const Eigen::Vector3d sigma(params_.sigma_along_per_sqrt_m * std::sqrt(step_m),
-                                  params_.sigma_across_per_sqrt_m * std::sqrt(step_m),
-                                  std::sqrt(square(params_.sigma_heading_per_sqrt_m) * step_m +
-                                            square(params_.sigma_heading_per_sqrt_rad) * std::abs(angle)));
-      truth_ = truth_ * SE2::Exp({step_m, 0.0, angle}) * SE2::Exp(sigma.cwiseProduct(random_.unit_normal<3>()));
+      typename G::Tangent sigma, motion = G::Tangent::Zero();
+      if constexpr (G::Dim == 3) {
+        const double tilt = params_.sigma_tilt_per_sqrt_m * std::sqrt(step_m);
+        sigma << 0.0, 0.0, params_.sigma_vertical_per_sqrt_m * std::sqrt(step_m), tilt, tilt, 0.0;
+      }
+      sigma[0] = params_.sigma_along_per_sqrt_m * std::sqrt(step_m);
+      sigma[1] = params_.sigma_across_per_sqrt_m * std::sqrt(step_m);
+      sigma[G::Dof - 1] = std::sqrt(square(params_.sigma_heading_per_sqrt_m) * step_m +
+                                    square(params_.sigma_heading_per_sqrt_rad) * std::abs(angle));
+      motion[0] = step_m;
+      motion[G::Dof - 1] = angle;
+      truth_ = truth_ * G::Exp(motion) * G::Exp(sigma.cwiseProduct(random_.template unit_normal<G::Dof>()));
       passed_[stamp_s_] = truth_;
       filter_.on_odometry(stamp_s_, step_m / dt_s, curvature_per_m * step_m / dt_s);
       after_input();
@@ -61,11 +74,13 @@ class RangeBearingWorld {
  private:
   void look(const std::function<void()>& after_input) {
     for (std::size_t i = 0; i < points_.size(); ++i) {
-      const SE2::Point y = truth_.inverse() * points_[i];
-      const double range = y.norm() + random_.normal(params_.sigma_range_m);
-      const double bearing = wrap_angle(std::atan2(y.y(), y.x()) + random_.normal(params_.sigma_bearing_rad));
+      const typename G::Point y = truth_.inverse() * points_[i];
+      typename G::Point polar = polar_of(y);
+      polar[0] += random_.normal(params_.sigma_range_m);
+      polar[1] = wrap_angle(polar[1] + random_.normal(params_.sigma_bearing_rad));
+      if constexpr (G::Dim == 3) polar[2] += random_.normal(params_.sigma_elevation_rad);
       if (y.norm() > 14.0 || y.norm() < 2.0) continue;
-      filter_.on_sighting(stamp_s_, i, range, bearing);
+      filter_.on_sighting(stamp_s_, i, polar);
       after_input();
     }
   }
@@ -73,12 +88,12 @@ class RangeBearingWorld {
   static constexpr double step_m = 0.4, dt_s = 0.2;
   RangeBearingEkfParams params_;
   Random random_;
-  Points points_;
-  RangeBearingEkf filter_;
-  SE2 truth_;
+  PointsOf<G> points_;
+  RangeBearingEkf<G> filter_;
+  G truth_;
   double stamp_s_ = 0.0;
   int inputs_ = 0;
-  std::map<double, SE2> passed_{{0.0, SE2()}};
+  std::map<double, G> passed_{{0.0, G()}};
 };
 
 }  // namespace convoy::test
