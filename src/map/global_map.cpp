@@ -1,14 +1,12 @@
-#include <convoy/association/alignment.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/global_map.hpp>
+#include <convoy/map/hypothesis_graph.hpp>
+#include <convoy/map/incremental_map.hpp>
 #include <convoy/map/misfits.hpp>
 
 #include <algorithm>
-#include <cmath>
-#include <map>
-#include <optional>
 #include <set>
 #include <utility>
 #include <vector>
@@ -16,36 +14,15 @@
 namespace convoy {
 namespace {
 
-// Squared distance of what a hypothesis says by itself from what the map says, in units of its own covariance.
-template <class G>
-double contradiction(const Map<G>& map, const Hypothesis<G>& h) {
-  const auto pose_of = [&](const Key& anchor) {
-    const auto& nodes = map.problem().nodes;
-    const auto it = std::lower_bound(nodes.begin(), nodes.end(), anchor,
-                                     [](const Node<G>& node, const Key& key) { return node.anchor < key; });
-    return map.poses()[static_cast<std::size_t>(it - nodes.begin())];
-  };
-  const G T_a_b = pose_of(h.batch_a).inverse() * pose_of(h.batch_b);
-  return squared_mahalanobis((h.alignment.T_a_b.inverse() * T_a_b).Log(), h.alignment.covariance());
-}
-
-// Of each hypothesis; zero of those that are not accepted.
-template <class G>
-std::vector<double> contradictions_of(const Map<G>& map, const Selection<G>& selection) {
-  std::vector<double> contradictions;
-  for (const Hypothesis<G>& h : selection.hypotheses)
-    contradictions.push_back(h.state == HypothesisState::accepted ? contradiction(map, h) : 0.0);
-  return contradictions;
-}
-
-// True if `after`, which does without one hypothesis more, amounts to the problem that `before` did: the same classes,
+// True if `after`, which does without some hypotheses more, amounts to the problem that `before` did: the same classes,
 // the same fixes, and chains placed by the same hypotheses. Its solution is then the same, to the bit.
 template <class G>
-bool same_problem(const Selection<G>& before, const Selection<G>& after, Hash dropped, const Problem<G>& problem) {
+bool same_problem(const Selection<G>& before, const Selection<G>& after, const std::set<Hash>& dropped, const Problem<G>& problem) {
   const auto same_state = [&](const Hypothesis<G>& x, const Hypothesis<G>& y) {
-    return x.id == dropped || x.state == y.state;
+    return dropped.count(x.id) != 0 || x.state == y.state;
   };
-  return before.digest == after.digest && !problem.placed_by.count(dropped) &&
+  return before.digest == after.digest &&
+         std::none_of(dropped.begin(), dropped.end(), [&](Hash id) { return problem.placed_by.count(id) != 0; }) &&
          std::equal(before.hypotheses.begin(), before.hypotheses.end(), after.hypotheses.begin(),
                     after.hypotheses.end(), same_state);
 }
@@ -68,52 +45,132 @@ bool exclude_worst_measurement(Map<G>& map, double confidence, double at_least, 
   return found.first != nullptr;
 }
 
+// Squared distance of what a hypothesis says by itself from what a map says that has heard of it.
+template <class G>
+double contradiction(const Map<G>& map, const Hypothesis<G>& h) {
+  const auto pose_of = [&](const Key& anchor) {
+    const auto& nodes = map.problem().nodes;
+    const auto it = std::lower_bound(nodes.begin(), nodes.end(), anchor,
+                                     [](const Node<G>& node, const Key& key) { return node.anchor < key; });
+    return map.poses()[static_cast<std::size_t>(it - nodes.begin())];
+  };
+  const G T_a_b = pose_of(h.batch_a).inverse() * pose_of(h.batch_b);
+  return squared_mahalanobis((h.alignment.T_a_b.inverse() * T_a_b).Log(), h.alignment.covariance());
+}
+
+// What contradicts the rest most: how many times it exceeds its gate, and which hypothesis it is.
+struct Worst {
+  double excess = 1.0;
+  Hash hypothesis = 0;
+};
+
+template <class G>
+Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Selection<G>& selection, double confidence) {
+  Worst worst;
+  const auto contradictions = graph.leave_one_out();
+  for (std::size_t k = 0; k < contradictions.size(); ++k) {
+    const auto& [chi2, dof] = contradictions[k];
+    const double excess = dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0;
+    if (excess > worst.excess) worst = {excess, selection.hypotheses[k].id};
+  }
+  return worst;
+}
+
 }  // namespace
 
 template <class G>
 GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
-  const double limit = chi2_quantile(params_.map_residual, G::Dof);
   const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
-  Exclusions excluded;
+  excluded_ = {};
   GlobalMap<G> result;
   result.facts = store.digest();
-  std::optional<Hash> dropped;  // in the round before
-  std::vector<double> contradictions;
+  std::set<Hash> dropped;  // in the round before
   while (true) {
-    Selection<G> selection = selector_.select(store, excluded);
-    const bool solved = dropped && same_problem(result.selection, selection, *dropped, result.map->problem());
+    Selection<G> selection = selector_.select(store, excluded_);
+    const bool solved = !dropped.empty() && same_problem(result.selection, selection, dropped, result.map->problem());
     result.selection = std::move(selection);
-    if (!solved) {
-      result.map =
-          backend_.solve(build_problem<G>(store, result.selection, options));
-      contradictions = contradictions_of(*result.map, result.selection);
-    }
-    const Hypothesis<G>* worst = nullptr;
-    double worst_contradiction = limit;
-    for (std::size_t k = 0; k < contradictions.size(); ++k) {
-      const Hypothesis<G>& h = result.selection.hypotheses[k];
-      if (h.state != HypothesisState::accepted || !(contradictions[k] > worst_contradiction)) continue;
-      worst = &h;
-      worst_contradiction = contradictions[k];
-    }
-    dropped.reset();
-    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst_contradiction / limit, excluded)) continue;
-    if (worst != nullptr) {
-      dropped = worst->id;
-      excluded.hypotheses.insert(worst->id);
+    if (!solved) result.map = backend_.solve(build_problem<G>(store, result.selection, options));
+    dropped.clear();
+    const HypothesisGraph<G> graph(*result.map, result.selection);
+    const Worst worst = worst_hypothesis(graph, result.selection, params_.map_residual);
+    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst.excess, excluded_)) continue;
+    if (worst.hypothesis != 0) {
+      dropped = graph.outliers(params_.map_residual);
+      if (dropped.empty()) dropped.insert(worst.hypothesis);
+      excluded_.hypotheses.insert(dropped.begin(), dropped.end());
       continue;
     }
-    const std::size_t before = excluded.size();
-    excluded.landmarks.merge(misfits(store, result.selection, *result.map, params_));
-    if (excluded.size() != before) continue;
-    for (const Hypothesis<G>& h : result.selection.hypotheses)
-      if (h.state == HypothesisState::ambiguous || h.state == HypothesisState::unconfirmed)
-        result.unsettled.insert({h.batch_a.chain, h.batch_b.chain});
-    for (std::size_t c = 0; c < result.selection.classes.size(); ++c)
-      for (const Key& key : result.selection.classes[c]) result.class_of[key] = static_cast<int>(c);
-    result.drift_alarms = drift_check_.alarms(store, result.selection);
-    return result;
+    const std::size_t before = excluded_.size();
+    excluded_.landmarks.merge(misfits(store, result.selection, *result.map, params_));
+    if (excluded_.size() == before) break;
   }
+  drift_alarms_ = drift_check_.alarms(store, result.selection);
+  if (incremental_) incremental_->restart(*result.map);
+  finish(result);
+  return result;
+}
+
+template <class G>
+GlobalMap<G> MapBuilder<G>::update(const FactStore<G>& store) {
+  constexpr int most_rounds = 4;
+  if (!incremental_) incremental_ = backend_.incremental();
+  if (!incremental_) return build(store);
+  const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
+  GlobalMap<G> result;
+  result.facts = store.digest();
+  result.exact = false;
+  for (int round = 0; round < most_rounds; ++round) {
+    result.selection = selector_.select(store, excluded_);
+    result.map = incremental_->solve(build_problem<G>(store, result.selection, options));
+    if (!exclude_news(result.selection, *result.map, store)) break;
+  }
+  finish(result);
+  return result;
+}
+
+// Of what was not in the last map. True if something is left out.
+template <class G>
+bool MapBuilder<G>::exclude_news(const Selection<G>& selection, Map<G>& map, const FactStore<G>& store) {
+  const std::size_t before = excluded_.size();
+  std::unordered_set<Key> landmarks;
+  for (const Hypothesis<G>& h : selection.hypotheses) {
+    if (h.state != HypothesisState::accepted || accepted_.count(h.id) != 0) continue;
+    if (contradiction(map, h) > chi2_quantile(params_.map_residual, G::Dof)) excluded_.hypotheses.insert(h.id);
+    for (const auto& [a, b] : h.pairings) landmarks.insert({a, b});
+  }
+  const auto weigh = [&](const auto& factors, auto key_of, const std::unordered_set<Key>& measured, std::set<Key>& out) {
+    for (const auto& f : factors) {
+      if (measured.count(key_of(f)) != 0) continue;
+      const auto [chi2, dof] = map.contradiction(f);
+      if (dof > 0 && chi2 > chi2_quantile(params_.fix_residual, dof)) out.insert(key_of(f));
+    }
+  };
+  weigh(map.problem().fixes, [](const auto& f) { return f.fix; }, measured_fixes_, excluded_.fixes);
+  weigh(map.problem().encounters, [](const auto& f) { return f.encounter; }, measured_encounters_, excluded_.encounters);
+  if (excluded_.size() != before) return true;
+  std::set<Key> batches;  // whose classes have news in them
+  for (const auto& members : selection.landmarks)
+    if (std::any_of(members.begin(), members.end(), [&](const auto* l) { return landmarks.count(l->key) != 0; }))
+      for (const auto* l : members) batches.insert(l->anchor_key());
+  if (!batches.empty()) excluded_.landmarks.merge(misfits(store, selection, map, params_, &batches));
+  return excluded_.size() != before;
+}
+
+template <class G>
+void MapBuilder<G>::finish(GlobalMap<G>& global) {
+  accepted_.clear();
+  for (const Hypothesis<G>& h : global.selection.hypotheses) {
+    if (h.state == HypothesisState::accepted) accepted_.insert(h.id);
+    if (h.state == HypothesisState::ambiguous || h.state == HypothesisState::unconfirmed)
+      global.unsettled.insert({h.batch_a.chain, h.batch_b.chain});
+  }
+  measured_fixes_ = {global.selection.fixes.begin(), global.selection.fixes.end()};
+  measured_encounters_.clear();
+  for (const SelectedEncounter& e : global.selection.encounters) measured_encounters_.insert(e.encounter);
+  for (std::size_t c = 0; c < global.selection.classes.size(); ++c)
+    for (const Key& key : global.selection.classes[c]) global.class_of[key] = static_cast<int>(c);
+  global.drift_alarms = drift_alarms_;
+  global.selection.landmarks.clear();  // the map may outlive the store
 }
 
 template <class G>

@@ -5,9 +5,10 @@
 #include <convoy/map/map.hpp>
 #include <convoy/map/selection.hpp>
 
-#include <map>
 #include <memory>
 #include <set>
+#include <unordered_map>
+#include <unordered_set>
 
 namespace convoy {
 
@@ -16,19 +17,25 @@ struct GlobalMap {
   Hash facts = 0;  ///< FactStore::digest() it was built from
   Selection<G> selection;
   std::unique_ptr<Map<G>> map;
-  std::map<Key, int> class_of = {};     ///< of each landmark in a class: its index in Selection::classes
+  std::unordered_map<Key, int> class_of = {};  ///< of each landmark in a class: its index in Selection::classes
   std::set<ChainId> unsettled = {};     ///< chains of hypotheses that are ambiguous or wait to be confirmed
   std::set<ChainId> drift_alarms = {};  ///< whose closures show drift that is not white (drift_check.hpp)
+  /// Solved from the canonical start to the end, so that it is the same, to the bit, wherever the same facts are held. False: as
+  /// MapBuilder::update() left it.
+  bool exact = true;
 };
 
-/// Never null: an empty store gives an empty map. The most contradicting hypothesis (r^T Z^-1 r of its own alignment
-/// against the map, beyond `map_residual`) is dropped, one at a time, until none is left; an absolute fix that contradicts a
-/// map without it goes likewise, the worse of the two first. Then landmarks that could as well be of another class leave
-/// theirs: a map of many batches tells neighbours apart that two batches cannot.
+/// Never null: an empty store gives an empty map. Selects, solves, leaves out what contradicts the rest, until nothing does:
+/// - a hypothesis that contradicts a map without it (beyond `map_residual`; hypothesis_graph.hpp, T5), and with it all that a
+///   robust estimate does without (T4);
+/// - an absolute fix or an encounter that contradicts a map without it, the worst first, before or after hypotheses by how far
+///   beyond its gate each is;
+/// - landmarks that could as well be of another class (misfits.hpp).
 template <class G>
 GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
 
-/// build_global_map() for one store as it grows: the same maps, to the bit, without repeating what the facts alone say.
+/// build_global_map() for one store as it grows: the same maps, to the bit, without repeating what the facts alone say; and in
+/// between maps that hold what is new at once.
 template <class G>
 class MapBuilder {
  public:
@@ -36,14 +43,28 @@ class MapBuilder {
   MapBuilder(const SelectionParams& params, const Backend<G>& backend)
       : params_(params), backend_(backend), selector_(params) {}
 
-  /// `store`: the same in every call, or a replica of it.
+  /// `store`: the same in every call, also to update().
   GlobalMap<G> build(const FactStore<G>& store);
 
+  /// Works in what is new since the last call, in time that depends on how much that is. What had been left out stays out, and
+  /// what is new is left out if it contradicts the map. Estimates differ from those of build() by next to nothing, as long as
+  /// both leave out the same; how far depends on the way there. With a backend that has no incremental counterpart: build().
+  GlobalMap<G> update(const FactStore<G>& store);
+
  private:
+  bool exclude_news(const Selection<G>& selection, Map<G>& map, const FactStore<G>& store);
+  void finish(GlobalMap<G>& global);
+
   SelectionParams params_;
   const Backend<G>& backend_;
   Selector<G> selector_;
   DriftCheck<G> drift_check_;
+  std::shared_ptr<IncrementalMap<G>> incremental_;  // null: not asked for yet
+  // As of the last map.
+  Exclusions excluded_;
+  std::unordered_set<Hash> accepted_;  // hypotheses
+  std::unordered_set<Key> measured_fixes_, measured_encounters_;
+  std::set<ChainId> drift_alarms_;
 };
 
 }  // namespace convoy

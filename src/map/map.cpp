@@ -224,32 +224,39 @@ std::pair<double, int> Map<G>::contradiction(const AbsoluteFixFactor<G>& f) {
   const G& T = at_.pose(f.node);
   const G D = f.datum < 0 ? G() : at_.pose(f.datum);
   const AbsoluteFixResidual<G> one(f, T, D);
-  if (f.datum < 0) return contradiction(one.r, f.covariance, {{f.node, one.J_T}});
-  return contradiction(one.r, f.covariance, {{f.node, one.J_T}, {f.datum, one.J_D}});
+  if (f.datum < 0) return contradiction<G::Dim>(one.r, f.covariance, {{f.node, one.J_T}});
+  return contradiction<G::Dim>(one.r, f.covariance, {{f.node, one.J_T}, {f.datum, one.J_D}});
 }
 
 template <class G>
 std::pair<double, int> Map<G>::contradiction(const EncounterFactor<G>& f) {
   const EncounterResidual<G> one(f, at_.pose(f.observer), at_.pose(f.other));
-  return contradiction(one.r, f.covariance, {{f.observer, one.J_o}, {f.other, one.J_w}});
+  return contradiction<G::Dim>(one.r, f.covariance, {{f.observer, one.J_o}, {f.other, one.J_w}});
+}
+
+template <class G>
+std::pair<double, int> Map<G>::contradiction(const DriftFactor<G>& f) {
+  const DriftResidual<G> one(f, at_.pose(f.a), at_.pose(f.b));
+  return contradiction<G::Dof>(one.r, f.covariance, {{f.a, one.J_a}, {f.b, one.J_b}});
 }
 
 // With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the measurement's own share in its residual taken off, w^T M^-1 w is
-// what a map without it would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance without the measurement in units of
-// its own; where it is nothing but rounding, nothing but the measurement itself determines that direction.
+// what a map without it would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance of the measurement in units of that
+// of the map without it; where it is nothing but rounding, nothing but the measurement itself determines that direction.
 template <class G>
-std::pair<double, int> Map<G>::contradiction(const typename G::Point& r, const typename G::PointCovariance& S,
-                                             const std::vector<std::pair<int, PointJacobian>>& jacobians) {
-  typename G::PointCovariance JPJ = G::PointCovariance::Zero();
+template <int R>
+std::pair<double, int> Map<G>::contradiction(const Eigen::Matrix<double, R, 1>& r, const Eigen::Matrix<double, R, R>& S,
+                                             const std::vector<std::pair<int, Eigen::Matrix<double, R, G::Dof>>>& jacobians) {
+  using Square = Eigen::Matrix<double, R, R>;
+  Square JPJ = Square::Zero();
   for (const auto& [i, J_i] : jacobians)
     for (const auto& [j, J_j] : jacobians) JPJ += J_i * covariances_->between(i, j) * J_j.transpose();
-  const Eigen::LLT<typename G::PointCovariance> llt(S);
-  const typename G::PointCovariance half = llt.matrixL().solve(JPJ), whitened = llt.matrixL().solve(half.transpose());
-  const Eigen::SelfAdjointEigenSolver<typename G::PointCovariance> eigen(
-      symmetrised(typename G::PointCovariance(G::PointCovariance::Identity() - whitened)));
-  const typename G::Point w = eigen.eigenvectors().transpose() * llt.matrixL().solve(r);
+  const Eigen::LLT<Square> llt(S);
+  const Square half = llt.matrixL().solve(JPJ), whitened = llt.matrixL().solve(half.transpose());
+  const Eigen::SelfAdjointEigenSolver<Square> eigen(symmetrised(Square(Square::Identity() - whitened)));
+  const Eigen::Matrix<double, R, 1> w = eigen.eigenvectors().transpose() * llt.matrixL().solve(r);
   std::pair<double, int> result{0.0, 0};
-  for (int i = 0; i < G::Dim; ++i) {
+  for (int i = 0; i < R; ++i) {
     if (eigen.eigenvalues()[i] < 1e-7) continue;
     result.first += w[i] * w[i] / eigen.eigenvalues()[i];
     ++result.second;

@@ -98,6 +98,7 @@ class Map {
   /// the number of directions in which the others say anything (0: none).
   std::pair<double, int> contradiction(const AbsoluteFixFactor<G>& fix);
   std::pair<double, int> contradiction(const EncounterFactor<G>& encounter);
+  std::pair<double, int> contradiction(const DriftFactor<G>& motion);
 
   const Problem<G>& problem() const { return *problem_; }
   const std::vector<G>& poses() const { return at_.poses; }                    ///< of Problem::nodes
@@ -120,9 +121,9 @@ class Map {
   Placement place(const ChainSpan& span, const ChainState<G>& state) const;
   typename G::Covariance covariance(const Placement& a, const Placement& b);
   std::vector<std::pair<int, Eigen::MatrixXd>> parts(const Placement& placement) const;
-  using PointJacobian = typename G::PointJacobian;
-  std::pair<double, int> contradiction(const typename G::Point& r, const typename G::PointCovariance& S,
-                                       const std::vector<std::pair<int, PointJacobian>>& jacobians);
+  template <int R>
+  std::pair<double, int> contradiction(const Eigen::Matrix<double, R, 1>& r, const Eigen::Matrix<double, R, R>& S,
+                                       const std::vector<std::pair<int, Eigen::Matrix<double, R, G::Dof>>>& jacobians);
 
   std::shared_ptr<const Problem<G>> problem_;
   State<G> at_;
@@ -130,6 +131,9 @@ class Map {
   std::unique_ptr<CovarianceSource<G>> covariances_;
   Hash digest_ = 0;
 };
+
+template <class G>
+class IncrementalMap;
 
 /// Solves a problem. Stateless: the same problem gives the same map, to the bit.
 template <class G>
@@ -139,6 +143,8 @@ class Backend {
   virtual std::unique_ptr<Map<G>> solve(Problem<G> problem) const = 0;
   /// False: it knows static biases, drift and landmarks alone (ProblemOptions::plain).
   virtual bool takes_every_factor() const { return true; }
+  /// What comes to the same solutions as a problem grows, quicker; null: there is none.
+  virtual std::shared_ptr<IncrementalMap<G>> incremental() const { return nullptr; }
 };
 
 }  // namespace convoy

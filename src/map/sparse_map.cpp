@@ -1,5 +1,6 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/incremental_map.hpp>
 #include <convoy/map/linear_factors.hpp>
 #include <convoy/map/sparse_map.hpp>
 #include <convoy/solver/block_cholesky.hpp>
@@ -161,6 +162,11 @@ std::unique_ptr<Map<G>> SparseMap<G>::solve(Problem<G> stated) const {
   report.dof = equations.residuals() - solver.size();
   auto covariances = std::make_unique<SparseCovariance<G>>(std::move(solver));
   return std::make_unique<Map<G>>(problem, std::move(at), report, std::move(covariances));
+}
+
+template <class G>
+std::shared_ptr<IncrementalMap<G>> SparseMap<G>::incremental() const {
+  return std::make_shared<IncrementalMap<G>>();
 }
 
 #define CONVOY_INSTANTIATE(G) template class SparseMap<G>;

@@ -16,6 +16,7 @@ class SparseMap final : public Backend<G> {
  public:
   explicit SparseMap(const SparseMapParams& params = {}) : params_(params) {}
   std::unique_ptr<Map<G>> solve(Problem<G> problem) const override;
+  std::shared_ptr<IncrementalMap<G>> incremental() const override;
 
  private:
   SparseMapParams params_;

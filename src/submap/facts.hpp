@@ -9,6 +9,7 @@
 #include <array>
 #include <compare>
 #include <cstdint>
+#include <functional>
 #include <utility>
 #include <vector>
 
@@ -194,3 +195,12 @@ Hash hypothesis_id(const std::vector<Pairing>& pairings);
 std::vector<Pairing> canonical(std::vector<Pairing> pairings);
 
 }  // namespace convoy
+
+template <>
+struct std::hash<convoy::Key> {
+  std::size_t operator()(const convoy::Key& key) const noexcept {
+    std::uint64_t h = (key.chain.epoch * 0x9e3779b97f4a7c15U) ^ (std::uint64_t{key.chain.vehicle} << 32 | key.index);
+    h = (h ^ (h >> 32)) * 0xd6e8feb86659fd93U;
+    return static_cast<std::size_t>(h ^ (h >> 32));
+  }
+};
