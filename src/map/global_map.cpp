@@ -64,14 +64,18 @@ struct Worst {
   Hash hypothesis = 0;
 };
 
+// By the graph of hypotheses, which leaves each out, or by the map, which does not, but knows what hypotheses share: the larger.
 template <class G>
-Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Selection<G>& selection, double confidence) {
+Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Map<G>& map, const Selection<G>& selection, double confidence) {
   Worst worst;
-  const auto contradictions = graph.leave_one_out();
-  for (std::size_t k = 0; k < contradictions.size(); ++k) {
-    const auto& [chi2, dof] = contradictions[k];
-    const double excess = dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0;
-    if (excess > worst.excess) worst = {excess, selection.hypotheses[k].id};
+  const double limit = chi2_quantile(confidence, G::Dof);
+  const auto left_out = graph.leave_one_out();
+  for (std::size_t k = 0; k < left_out.size(); ++k) {
+    const Hypothesis<G>& h = selection.hypotheses[k];
+    if (h.state != HypothesisState::accepted) continue;
+    const auto& [chi2, dof] = left_out[k];
+    const double excess = std::max(contradiction(map, h) / limit, dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0);
+    if (excess > worst.excess) worst = {excess, h.id};
   }
   return worst;
 }
@@ -92,7 +96,7 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     if (!solved) result.map = backend_.solve(build_problem<G>(store, result.selection, options));
     dropped.clear();
     const HypothesisGraph<G> graph(*result.map, result.selection);
-    const Worst worst = worst_hypothesis(graph, result.selection, params_.map_residual);
+    const Worst worst = worst_hypothesis(graph, *result.map, result.selection, params_.map_residual);
     if (exclude_worst_measurement(*result.map, params_.fix_residual, worst.excess, excluded_)) continue;
     if (worst.hypothesis != 0) {
       dropped = graph.outliers(params_.map_residual);
@@ -101,7 +105,7 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
       continue;
     }
     const std::size_t before = excluded_.size();
-    excluded_.landmarks.merge(misfits(store, result.selection, *result.map, params_));
+    excluded_.landmarks.merge(misfits(store, *result.map, params_));
     if (excluded_.size() == before) break;
   }
   drift_alarms_ = drift_check_.alarms(store, result.selection);
@@ -152,7 +156,7 @@ bool MapBuilder<G>::exclude_news(const Selection<G>& selection, Map<G>& map, con
   for (const auto& members : selection.landmarks)
     if (std::any_of(members.begin(), members.end(), [&](const auto* l) { return landmarks.count(l->key) != 0; }))
       for (const auto* l : members) batches.insert(l->anchor_key());
-  if (!batches.empty()) excluded_.landmarks.merge(misfits(store, selection, map, params_, &batches));
+  if (!batches.empty()) excluded_.landmarks.merge(misfits(store, map, params_, &batches));
   return excluded_.size() != before;
 }
 
@@ -167,6 +171,7 @@ void MapBuilder<G>::finish(GlobalMap<G>& global) {
   measured_fixes_ = {global.selection.fixes.begin(), global.selection.fixes.end()};
   measured_encounters_.clear();
   for (const SelectedEncounter& e : global.selection.encounters) measured_encounters_.insert(e.encounter);
+  global.class_of.reserve(global.map->problem().landmarks.size());
   for (std::size_t c = 0; c < global.selection.classes.size(); ++c)
     for (const Key& key : global.selection.classes[c]) global.class_of[key] = static_cast<int>(c);
   global.drift_alarms = drift_alarms_;

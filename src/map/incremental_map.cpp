@@ -226,17 +226,26 @@ void IncrementalMap<G>::drop_what_is_gone() {
   for (const int id : gone_) tree_.remove_unknown(id);
 }
 
+// Each once, as long as `terms` is empty at first.
+template <class G>
+void IncrementalMap<G>::add_terms_of(int id, std::vector<int>& terms) {
+  if (terms.empty()) ++stamp_;
+  stamp_of_.resize(factor_of_.size(), 0);
+  for (const int t : tree_.terms_of(id)) {
+    if (stamp_of_[at(t)] == stamp_) continue;
+    stamp_of_[at(t)] = stamp_;
+    terms.push_back(t);
+  }
+}
+
 template <class G>
 void IncrementalMap<G>::linearise_at_estimate(const std::vector<int>& unknowns) {
   std::vector<int> stale;
   for (const int u : unknowns) {
     linearised_.set(u, estimate_, u);
     tree_.reset(id_of_[at(u)]);
-    const std::vector<int>& terms = tree_.terms_of(id_of_[at(u)]);
-    stale.insert(stale.end(), terms.begin(), terms.end());
+    add_terms_of(id_of_[at(u)], stale);
   }
-  std::sort(stale.begin(), stale.end());
-  stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
   for (const int t : stale) tree_.change_term(t, linear_term(factor_of_[at(t)]));
   judge(stale);
   last_.relinearised += static_cast<int>(unknowns.size());
@@ -287,10 +296,8 @@ bool IncrementalMap<G>::iterate() {
       if (!step.allFinite()) return false;
       estimate_.move(u, linearised_, step);
       if (is_far(u, step)) far.push_back(u);
-      stale.insert(stale.end(), tree_.terms_of(id).begin(), tree_.terms_of(id).end());
+      add_terms_of(id, stale);
     }
-    std::sort(stale.begin(), stale.end());
-    stale.erase(std::unique(stale.begin(), stale.end()), stale.end());
     judge(stale);
     if (far.empty()) return total_chi2() <= start_chi2 + 1e-3 * (1.0 + start_chi2);
     linearise_at_estimate(far);

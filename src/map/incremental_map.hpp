@@ -18,7 +18,7 @@ namespace convoy {
 struct IncrementalMapParams {
   double relinearise_m = 0.1;     ///< a node or point whose linear step is longer is linearised again
   double relinearise_rad = 0.01;  ///< the same for the rotation of a node
-  double propagate = 1e-4;        ///< steps that change by less are not handed on [m, rad]
+  double propagate = 3e-4;        ///< steps that change by less are not handed on [m, rad]
   int max_iterations = 10;        ///< what still moves then is solved from the start
 };
 
@@ -58,6 +58,7 @@ class IncrementalMap {
   void take_factors();
   void drop_what_is_gone();
   bool iterate();
+  void add_terms_of(int id, std::vector<int>& terms);
   void linearise_at_estimate(const std::vector<int>& unknowns);
   void judge(const std::vector<int>& terms);
   bool is_far(int unknown, const typename State<G>::Step& step) const;
@@ -79,6 +80,8 @@ class IncrementalMap {
   std::unordered_map<Hash, Known> known_;
   std::vector<Known*> known_of_;    // each factor of the problem
   std::vector<int> factor_of_;      // of each term of the tree
+  std::vector<std::uint64_t> stamp_of_;  // scratch, by term
+  std::uint64_t stamp_ = 0;
   IncrementalMapReport last_;
 };
 

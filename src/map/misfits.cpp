@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -32,29 +33,20 @@ struct Evidence {
 template <class G>
 class MisfitSearch {
  public:
-  MisfitSearch(const FactStore<G>& store, const Selection<G>& selection, const Map<G>& map, const SelectionParams& params)
+  MisfitSearch(const FactStore<G>& store, const Map<G>& map, const SelectionParams& params)
       : store_(store),
         map_(map),
         params_(params),
         margin_(chi2_quantile(params.separation, G::Dim)),
         far_(chi2_quantile(0.9999, G::Dim)),
-        evidence_of_(selection.classes.size()) {
+        evidence_of_(map.points().size()) {
+    classes_.landmarks.resize(evidence_of_.size());
     const auto& landmarks = map.problem().landmarks;
     for (std::size_t l = 0; l < landmarks.size(); ++l)
       if (l == 0 || landmarks[l].point != landmarks[l - 1].point) first_member_.push_back(l);
     first_member_.push_back(landmarks.size());
-    for (const LandmarkFactor<G>& f : landmarks) {
-      const Evidence<G> e = evidence_of(f);
-      evidence_of_[index(f.point)].information += e.information;
-      evidence_of_[index(f.point)].weighted += e.weighted;
-    }
-    for (const Evidence<G>& e : evidence_of_) {
-      classes_.landmarks.push_back(e.point());
-      const LandmarkFact<G>& point = classes_.landmarks.back();
-      if (std::isfinite(point.position.x()))
-        by_x_.emplace_back(point.position.x(), static_cast<int>(classes_.landmarks.size()) - 1);
-      widest_class_ = std::max(widest_class_, point.covariance.trace());
-    }
+    for (const LandmarkFactor<G>& f : landmarks) widest_ = std::max(widest_, f.covariance.trace());
+    for (int c = 0; c < static_cast<int>(map.points().size()); ++c) by_x_.emplace_back(map.points()[index(c)].x(), c);
     std::sort(by_x_.begin(), by_x_.end());
   }
 
@@ -67,9 +59,9 @@ class MisfitSearch {
     for (const auto& [anchor, factors] : factors_of) {
       if (static_cast<int>(factors.size()) <= params_.min_pairings) continue;
       const Laid laid = lay(anchor, factors);
-      for (const LandmarkFactor<G>* f : factors) at(classes_, f->point) = without(*f).point();
+      for (const LandmarkFactor<G>* f : factors) classes_.landmarks[index(f->point)] = without(*f).point();
       judge(laid);
-      for (const LandmarkFactor<G>* f : factors) at(classes_, f->point) = evidence_of_[index(f->point)].point();
+      for (const LandmarkFactor<G>* f : factors) classes_.landmarks[index(f->point)] = evidence(f->point).point();
     }
     return std::move(misfits_);
   }
@@ -77,13 +69,12 @@ class MisfitSearch {
  private:
   struct Laid {
     Batch<G> batch;
-    G pose;                           // T_common_batch
     std::vector<IndexPairing> pairs;  // (class, landmark)
     std::vector<int> unpaired;        // landmarks in no class
   };
 
   Laid lay(const Key& anchor, const std::vector<const LandmarkFactor<G>*>& factors) const {
-    Laid laid{batch_of(store_, anchor), map_.poses()[index(factors.front()->node)], {}, {}};
+    Laid laid{batch_of(store_, anchor), {}, {}};
     std::map<Key, int> class_of;
     for (const LandmarkFactor<G>* f : factors) class_of[f->landmark] = f->point;
     for (int l = 0; l < static_cast<int>(laid.batch.landmarks.size()); ++l) {
@@ -103,8 +94,22 @@ class MisfitSearch {
     return e;
   }
 
-  Evidence<G> without(const LandmarkFactor<G>& f) const {
-    Evidence<G> rest = evidence_of_[index(f.point)];
+  // Of all members of a class, when first asked for.
+  const Evidence<G>& evidence(int c) {
+    std::optional<Evidence<G>>& sum = evidence_of_[index(c)];
+    if (sum) return *sum;
+    sum.emplace();
+    for (std::size_t l = first_member_[index(c)]; l < first_member_[index(c) + 1]; ++l) {
+      const Evidence<G> e = evidence_of(map_.problem().landmarks[l]);
+      sum->information += e.information;
+      sum->weighted += e.weighted;
+    }
+    classes_.landmarks[index(c)] = sum->point();
+    return *sum;
+  }
+
+  Evidence<G> without(const LandmarkFactor<G>& f) {
+    Evidence<G> rest = evidence(f.point);
     const Evidence<G> own = evidence_of(f);
     rest.information -= own.information;
     rest.weighted -= own.weighted;
@@ -116,10 +121,12 @@ class MisfitSearch {
 
   // classes_ have not heard of this batch.
   void judge(const Laid& laid) {
-    const G& T = laid.pose;
+    const auto whole = align(classes_, laid.batch, laid.pairs);
+    if (!whole) return;
+    const G& T = whole->T_a_b;
     const typename G::PointCovariance R = T.rotation();
     const auto conceivable = [&](int c, int l) {  // by each landmark's own covariance: the shared part may have hidden it
-      const LandmarkFact<G>&point = at(classes_, c), &landmark = at(laid.batch, l);
+      const LandmarkFact<G>&point = class_point(c), &landmark = at(laid.batch, l);
       const typename G::Point apart = point.position - T * landmark.position;
       if (apart.squaredNorm() > reach_squared(point.covariance.trace() + landmark.covariance.trace())) return false;
       return squared_mahalanobis(
@@ -130,7 +137,7 @@ class MisfitSearch {
     const auto other_class = [&](const IndexPairing& p) {
       const LandmarkFact<G>& landmark = at(laid.batch, p.second);
       const double x = (T * landmark.position).x();
-      const double reach = std::sqrt(reach_squared(widest_class_ + landmark.covariance.trace()));
+      const double reach = 2.0 * std::sqrt(reach_squared(widest_ + landmark.covariance.trace()));  // x is that of the solved point
       auto near = std::lower_bound(by_x_.begin(), by_x_.end(), std::pair(x - reach, -1));
       for (; near != by_x_.end() && near->first <= x + reach; ++near) {
         const int k = near->second;
@@ -164,10 +171,11 @@ class MisfitSearch {
     return false;
   }
 
-  static const LandmarkFact<G>& at(const Batch<G>& batch, int l) {
-    return batch.landmarks[static_cast<std::size_t>(l)];
+  static const LandmarkFact<G>& at(const Batch<G>& batch, int l) { return batch.landmarks[index(l)]; }
+  const LandmarkFact<G>& class_point(int c) {
+    evidence(c);
+    return at(classes_, c);
   }
-  static LandmarkFact<G>& at(Batch<G>& batch, int l) { return batch.landmarks[static_cast<std::size_t>(l)]; }
 
   // Something else is conceivable. True unless, with the rest of the batch laid onto the map, `pairs` fit well, and
   // clearly better than `otherwise`.
@@ -192,24 +200,23 @@ class MisfitSearch {
   const SelectionParams& params_;
   double margin_, far_;
   std::vector<std::size_t> first_member_;     // of each class, among the factors of the problem; one more at the end
-  std::vector<Evidence<G>> evidence_of_;      // of each class
+  std::vector<std::optional<Evidence<G>>> evidence_of_;  // of each class that was asked for
   Batch<G> classes_;                          // their points
-  std::vector<std::pair<double, int>> by_x_;  // (x of its point, class)
-  double widest_class_ = 0.0;                 // largest trace of a covariance
+  std::vector<std::pair<double, int>> by_x_;  // (x of its solved point, class)
+  double widest_ = 0.0;                       // largest trace of a landmark's covariance; that of a class is smaller
   std::set<Key> misfits_;
 };
 
 }  // namespace
 
 template <class G>
-std::set<Key> misfits(const FactStore<G>& store, const Selection<G>& selection, const Map<G>& map, const SelectionParams& params,
+std::set<Key> misfits(const FactStore<G>& store, const Map<G>& map, const SelectionParams& params,
                       const std::set<Key>* batches) {
-  return MisfitSearch<G>(store, selection, map, params).run(batches);
+  return MisfitSearch<G>(store, map, params).run(batches);
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                                      \
-  template std::set<Key> misfits(const FactStore<G>&, const Selection<G>&, const Map<G>&, const SelectionParams&, \
-                                 const std::set<Key>*);
+  template std::set<Key> misfits(const FactStore<G>&, const Map<G>&, const SelectionParams&, const std::set<Key>*);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -13,7 +13,7 @@ namespace convoy {
 /// no class is conceivable, a landmark must fit its own class well and clearly better, or it is a misfit. `batches`: anchors of
 /// those to be judged; null: all.
 template <class G>
-std::set<Key> misfits(const FactStore<G>& store, const Selection<G>& selection, const Map<G>& map, const SelectionParams& params,
+std::set<Key> misfits(const FactStore<G>& store, const Map<G>& map, const SelectionParams& params,
                       const std::set<Key>* batches = nullptr);
 
 }  // namespace convoy

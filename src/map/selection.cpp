@@ -205,6 +205,10 @@ const char* to_string(HypothesisState state) {
 }
 
 template <class G>
+Selector<G>::Selector(const SelectionParams& params)
+    : params_(params), map_residual_chi2_(chi2_quantile(params.map_residual, G::Dof)) {}
+
+template <class G>
 int Selector<G>::number(const FactStore<G>& store, const Key& landmark) {
   const auto [it, fresh] = landmark_number_.try_emplace(landmark, static_cast<int>(landmarks_.size()));
   if (fresh) {
@@ -250,7 +254,7 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
   h.alignment = {alignment->T_a_b, alignment->covariance()};
   const auto prior = relative_prior(store, a.anchor, b.anchor, params_.slack);
   result.confined = prior && is_confined(*prior, a, b, chi2_quantile(params_.map_residual, G::Dim));
-  if (prior && !(prior_chi2(*prior, h.alignment) <= chi2_quantile(params_.map_residual, G::Dof)))
+  if (prior && !(prior_chi2(*prior, h.alignment) <= map_residual_chi2_))
     return ends(HypothesisState::prior);
   for (const auto& [ka, kb] : pairings) result.pairs.emplace_back(number(store, ka), number(store, kb));
   return ends(HypothesisState::accepted);
@@ -264,7 +268,7 @@ bool Selector<G>::hold_together(const FactStore<G>& store, const Examined& h, co
     for (const auto& [a, b] : h.pairs)
       for (const auto& [c, d] : k.pairs)
         if ((a == c) != (b == d)) return false;
-  return loop_chi2(store, x, y, params_.slack) < chi2_quantile(params_.map_residual, G::Dof);
+  return loop_chi2(store, x, y, params_.slack) < map_residual_chi2_;
 }
 
 // Its number among the hypotheses between its two chains.

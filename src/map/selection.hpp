@@ -63,7 +63,7 @@ Selection<G> select(const FactStore<G>& store, const SelectionParams& params, co
 template <class G>
 class Selector {
  public:
-  explicit Selector(const SelectionParams& params) : params_(params) {}
+  explicit Selector(const SelectionParams& params);
 
   /// `store`: the same in every call.
   Selection<G> select(const FactStore<G>& store, const Exclusions& excluded = {});
@@ -97,6 +97,7 @@ class Selector {
   int number(const FactStore<G>& store, const Key& landmark);
 
   SelectionParams params_;
+  double map_residual_chi2_;  // what params_.map_residual is a confidence of
   std::unordered_map<Hash, Examined> examined_;
   std::map<std::pair<ChainId, ChainId>, Group> groups_;
   // Landmarks and batches by number, in the order in which they were met: names only, no result depends on them.
