@@ -1,6 +1,7 @@
 #include <convoy/components/map_worker.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <chrono>
 #include <utility>
 #include <variant>
 
@@ -71,10 +72,12 @@ void MapWorker<G>::run() {
 template <class G>
 BuiltMap<G> MapWorker<G>::build(MapOrder<G> order) {
   for (const AnyFact<G>& any : order.news) std::visit([&](const auto& fact) { replica_.insert(fact); }, any);
-  BuiltMap<G> built{builder_.build(replica_), order.revision};
+  const auto start = std::chrono::steady_clock::now();
+  BuiltMap<G> built{order.exact ? builder_.build(replica_) : builder_.update(replica_), order.revision, 0.0};
   // The first question for a covariance pays for all of them: here, where nobody waits for the answer.
   for (const auto& [id, chain] : replica_.chains())
     if (!chain.anchors.empty()) built.map.map->pose(id, chain.anchors.rbegin()->second.state);
+  built.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return built;
 }
 

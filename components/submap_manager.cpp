@@ -24,6 +24,7 @@ template <class G>
 void validate(const ChainId& self, const SubmapManagerParams& p) {
   if (self.vehicle == 0) throw ConfigError("submap manager: vehicle id 0 means 'nobody'; use 1 or more");
   if (!(p.map_period_s > 0.0 && p.stale_peer_s > 0.0)) throw ConfigError("submap manager: periods must be > 0");
+  if (!(p.exact_share >= 0.0)) throw ConfigError("submap manager: exact_share must be >= 0");
   if (!(p.encounter_period_s >= 0.0)) throw ConfigError("submap manager: encounter_period_s must be >= 0");
   if (!(p.repair.digest_period_s > 0.0)) throw ConfigError("submap manager: the digest period must be > 0");
   const auto& roster = p.limits.roster;
@@ -40,7 +41,8 @@ SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange
       repair_(self, params.repair, params.seed + 0x9e3779b97f4a7c15U * self.vehicle),
       backend_(backend ? std::move(backend) : make_backend<G>(params.backend)), builder_(params_.selection, *backend_) {
   validate<G>(self, params);
-  map_ = builder_.build(store_);
+  adopt({builder_.build(store_), 0, 0.0});
+  counters_.maps_built = 0;
 }
 
 template <class G>
@@ -326,9 +328,9 @@ void SubmapManager<G>::handle_digest(const ChainId& sender, const Digest& digest
   Digest others = digest;  // nobody can know more of this chain than this vehicle
   std::erase_if(others.marks, [&](const ChainMark& mark) { return mark.chain == self_; });
   repair_.on_digest(store_, others);
-  const bool same_facts = digest.map_facts == map_.facts && map_.facts == store_.digest();
+  const bool same_facts = digest.map_facts == digests_.facts && digests_.facts == store_.digest();
   Peer& peer = peers_[sender];
-  peer.disagrees = same_facts && digest.map != map_.map->digest();
+  peer.disagrees = same_facts && digest.map != digests_.map;
   counters_.disagreements += peer.disagrees;
 }
 
@@ -339,23 +341,28 @@ void SubmapManager<G>::send_digest(double now_s) {
   digest.dimension = G::Dim;
   digest.marks = store_.marks();
   digest.facts = store_.digest();
-  digest.selection = map_.selection.digest;
-  digest.map = map_.map->digest();
-  digest.map_facts = map_.facts;
+  digest.selection = digests_.selection;
+  digest.map = digests_.map;
+  digest.map_facts = digests_.facts;
   send(std::move(digest));
 }
 
 template <class G>
 bool SubmapManager<G>::map_due(double now_s) const {
-  return store_.revision() != ordered_revision_ && now_s >= map_s_ + params_.map_period_s;
+  return (store_.revision() != ordered_revision_ || !map_.exact) && now_s >= map_s_ + params_.map_period_s;
+}
+
+template <class G>
+bool SubmapManager<G>::exact_is_due(double now_s, bool news) const {
+  return !news || exact_takes_s_ <= params_.exact_share * params_.map_period_s || now_s >= exact_s_ + 20.0 * exact_takes_s_;
 }
 
 template <class G>
 bool SubmapManager<G>::rebuild(double now_s, bool force) {
   if (!map_due(now_s) && !force) return false;
-  map_s_ = now_s;
+  map_s_ = exact_s_ = now_s;
   ordered_revision_ = store_.revision();
-  adopt({builder_.build(store_), store_.revision()});
+  adopt({builder_.build(store_), store_.revision(), 0.0});
   return true;
 }
 
@@ -363,8 +370,9 @@ template <class G>
 std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
   if (!map_due(now_s)) return std::nullopt;
   map_s_ = now_s;
+  MapOrder<G> order{std::exchange(news_, {}), store_.revision(), exact_is_due(now_s, store_.revision() != ordered_revision_)};
   ordered_revision_ = store_.revision();
-  MapOrder<G> order{std::exchange(news_, {}), store_.revision()};
+  if (order.exact) exact_s_ = now_s;
   if (orders_given_) return order;
   orders_given_ = true;
   const auto add_all = [&](const auto& sequence) {
@@ -388,6 +396,10 @@ GlobalMap<G> SubmapManager<G>::adopt(BuiltMap<G> built) {
   if (built.revision < map_revision_) return std::move(built.map);
   map_revision_ = built.revision;
   ++counters_.maps_built;
+  if (built.map.exact) {
+    digests_ = {built.map.facts, built.map.selection.digest, built.map.map->digest()};
+    exact_takes_s_ = built.seconds;
+  }
   return std::exchange(map_, std::move(built.map));
 }
 

@@ -27,6 +27,9 @@ struct SubmapManagerParams {
   SelectionParams selection;
   MapBackend backend = MapBackend::sparse;
   double map_period_s = 1.0;   ///< between two rebuilds at least, > 0; nothing is done while no fact is new
+  /// Share of map_period_s that building the exact map may take, >= 0. Beyond it, what is new is worked into the last map at once,
+  /// and the exact one is built when nothing new has come for a period, or after twenty times what it takes.
+  double exact_share = 0.2;
   double encounter_period_s = 2.0;  ///< between two encounters with the same vehicle at least, >= 0; the others are not sent
   double stale_peer_s = 15.0;  ///< a vehicle not heard of for longer is reported as stale, > 0
   std::uint64_t seed = 1;      ///< of the repair protocol's jitter
@@ -69,12 +72,19 @@ template <class G>
 struct MapOrder {
   std::vector<AnyFact<G>> news;  ///< facts that no order before it held
   std::uint64_t revision = 0;    ///< of the store that held them all
+  bool exact = true;             ///< by MapBuilder::build(), not update()
 };
 
 template <class G>
 struct BuiltMap {
   GlobalMap<G> map;
   std::uint64_t revision = 0;  ///< of its order
+  double seconds = 0.0;        ///< that it took
+};
+
+/// Of the last exact map: what vehicles compare.
+struct MapDigests {
+  Hash facts = 0, selection = 0, map = 0;
 };
 
 /// Single-threaded, driven by calls that carry time on the vehicle's own clock, not decreasing.
@@ -133,6 +143,7 @@ class SubmapManager {
 
   const FactStore<G>& store() const { return store_; }
   const GlobalMap<G>& map() const { return map_; }
+  const MapDigests& digests() const { return digests_; }
   /// Every chain heard of, this one included, in canonical order.
   std::vector<VehicleState<G>> vehicles(double now_s);
   const SubmapManagerCounters& counters() const { return counters_; }
@@ -161,6 +172,7 @@ class SubmapManager {
   void send_digest(double now_s);
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
   bool map_due(double now_s) const;
+  bool exact_is_due(double now_s, bool news) const;
   std::uint32_t anchor_before(const ChainState<G>& state) const;
   bool is_fit(const LivePose<G>& live) const;
   const std::optional<Estimate<G>>& locate(Live& live) const;
@@ -175,6 +187,8 @@ class SubmapManager {
   std::shared_ptr<const Backend<G>> backend_;
   MapBuilder<G> builder_;
   GlobalMap<G> map_;
+  MapDigests digests_;
+  double exact_takes_s_ = 0.0, exact_s_ = -1e300;  // the last exact map: its cost, and when it was ordered
   std::uint64_t map_revision_ = 0;      // of the facts in map_
   std::uint64_t ordered_revision_ = 0;  // of the facts in map_ or in the last order
   bool orders_given_ = false;

@@ -146,10 +146,10 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   manager_->update_live(front_end_component_->live());
   s.vehicles = manager_->vehicles(clock_());
   s.facts_digest = store.digest();
-  s.map_digest = manager_->map().map->digest();
-  s.selection_digest = manager_->map().selection.digest;
+  s.map_digest = manager_->digests().map;
+  s.selection_digest = manager_->digests().selection;
   s.facts_missing = store.missing_count();
-  s.settled = s.facts_missing == 0 && searches_left_ == 0 && manager_->map().facts == s.facts_digest;
+  s.settled = s.facts_missing == 0 && searches_left_ == 0 && manager_->map().exact && manager_->map().facts == s.facts_digest;
   for (const auto& [id, chain] : store.chains()) s.landmarks_known += chain.landmarks.size();
   s.landmarks_exported = front_end_component_->landmarks_exported();
   s.submaps = manager_->counters();

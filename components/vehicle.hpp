@@ -54,8 +54,8 @@ struct VehicleSnapshot {
   /// All chains heard of, each as of its own slam.stamp_s: this one now, a peer when it last spoke (VehicleParams::
   /// live_period_s of its own, or its last anchor).
   std::vector<VehicleState<G>> vehicles;
-  Hash facts_digest = 0, map_digest = 0, selection_digest = 0;
-  bool settled = false;                   ///< nothing missing, nothing to search, and the map holds every fact
+  Hash facts_digest = 0, map_digest = 0, selection_digest = 0;  ///< of a map, of the last exact one
+  bool settled = false;                   ///< nothing missing, nothing to search, and the map is exact and holds every fact
   std::uint64_t facts_missing = 0;
   std::uint64_t landmarks_known = 0;
   std::uint64_t landmarks_exported = 0;

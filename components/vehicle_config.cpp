@@ -112,6 +112,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   SubmapManagerParams& s = v.submaps;
   visit("map", "backend", s.backend);
   visit("map", "period_s", s.map_period_s);
+  visit("map", "exact_share", s.exact_share);
   visit("map", "min_pairings", s.selection.min_pairings);
   visit("map", "residual", s.selection.residual);
   visit("map", "map_residual", s.selection.map_residual);
@@ -401,6 +402,7 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
 
   above_zero(v.submaps.map_period_s, "map", "period_s");
+  demand(v.submaps.exact_share >= 0.0, "map", "exact_share", "be >= 0; 0 builds the exact map when nothing new comes");
   above_zero(v.submaps.stale_peer_s, "map", "stale_peer_s");
   demand(v.submaps.selection.min_pairings >= 3, "map", "min_pairings", "be 3 or more; two pairs align with anything");
   confidence(v.submaps.selection.residual, "map", "residual");

@@ -35,6 +35,7 @@ template <class Derived>
 typename Derived::PlainObject positive_part(const Eigen::MatrixBase<Derived>& P) {
   using Matrix = typename Derived::PlainObject;
   const Matrix M = symmetrised(P);
+  if (Eigen::LLT<Matrix>(M).info() == Eigen::Success) return M;  // the usual case, and a tenth of the time
   const Eigen::SelfAdjointEigenSolver<Matrix> eigen(M);
   if (eigen.eigenvalues().minCoeff() >= 0.0) return M;
   const Matrix V = eigen.eigenvectors();

@@ -232,5 +232,56 @@ TEST(MapOrders, AmountToTheMapsOfRebuilds) {
   EXPECT_EQ(manager.map().map->digest(), newest);
 }
 
+// A map that takes its time is built exactly when it is quiet; until then, what is new is worked into the last one.
+TEST(MapOrders, AreExactWhenNothingNewComes) {
+  InProcessNetwork<SE2> network;
+  std::vector<std::unique_ptr<test::MemberOf<SE2>>> members;
+  test::MemberOptions options;
+  options.submaps.exact_share = 0.0;
+  for (const VehicleId v : {1U, 2U, 3U})
+    members.push_back(std::make_unique<test::MemberOf<SE2>>(v, network.join(), options));
+  SubmapManager<SE2>& manager = members.front()->manager;
+  MapWorker<SE2> worker(options.submaps, manager.backend());
+  int quick = 0, exact = 0;
+  const auto step = [&](double now_s) {
+    for (auto& member : members) {
+      member->manager.step(now_s);
+      member->association.step();
+    }
+    const bool news = manager.store().digest() != manager.map().facts;
+    auto order = manager.order_map(now_s);
+    if (!order) return;
+    const bool is_exact = order->exact;
+    EXPECT_TRUE(is_exact || news);
+    const Hash told = manager.digests().map;
+    worker.start(std::move(*order));
+    std::optional<BuiltMap<SE2>> built;
+    ASSERT_TRUE(eventually([&] { return (built = worker.collect()).has_value(); }));
+    built->seconds = 1.0;  // however quick it was
+    manager.adopt(std::move(*built));
+    EXPECT_EQ(manager.map().exact, is_exact);
+    EXPECT_EQ(manager.map().facts, manager.store().digest());
+    if (!is_exact) {
+      EXPECT_EQ(manager.digests().map, told);  // others hear of exact maps alone
+    }
+    ++(is_exact ? exact : quick);
+  };
+  double now_s = 0.0;
+  for (int k = 0; k < 120; ++k, now_s += 1.1) {
+    for (auto& member : members) member->drive();
+    step(now_s);
+  }
+  EXPECT_GT(quick, 4);
+  EXPECT_GT(exact, 2);  // twenty times what one takes has passed now and then
+  for (int k = 0; k < 20; ++k, now_s += 1.1) step(now_s);
+  EXPECT_TRUE(manager.map().exact);
+  const auto reference = build_global_map(manager.store(), options.submaps.selection, SparseMap<SE2>());
+  EXPECT_EQ(manager.digests().map, reference.map->digest());
+  EXPECT_EQ(manager.digests().facts, manager.store().digest());
+  EXPECT_EQ(manager.digests().selection, reference.selection.digest);
+  EXPECT_FALSE(reference.selection.classes.empty());
+  EXPECT_FALSE(manager.order_map(now_s + 100.0));  // nothing is left to do
+}
+
 }  // namespace
 }  // namespace convoy

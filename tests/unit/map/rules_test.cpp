@@ -97,6 +97,41 @@ TYPED_TEST(Rules, AWithdrawnHypothesisIsOneThatNeverWas) {
   EXPECT_GT(mattered, 0);
 }
 
+// What update() works in on the way, and in which order, leaves no trace in what build() makes.
+TYPED_TEST(Rules, AnExactMapKnowsNothingOfUpdatesBefore) {
+  using G = TypeParam;
+  auto fleet = test::street_fleet<G>(31);
+  for (const std::uint32_t k : {1U, 3U, 5U})
+    for (const VehicleId v : {1U, 2U}) fleet.fix(test::key_of(v, k), 0.5);
+  const auto reference = built(fleet.store());
+  const SparseMap<G> backend;
+  for (int order = 0; order < 5; ++order) {
+    auto facts = fleet.facts;
+    std::shuffle(facts.begin(), facts.end(), fleet.random().engine());
+    FactStore<G> store;
+    MapBuilder<G> builder(SelectionParams{}, backend);
+    for (std::size_t k = 0; k < facts.size(); ++k) {
+      test::insert(store, facts[k]);
+      if (k % 9 != 0 && k + 1 != facts.size()) continue;
+      const auto quick = builder.update(store);
+      EXPECT_FALSE(quick.exact);
+      EXPECT_EQ(quick.facts, store.digest());
+      if (k % 2 == 0) continue;
+      EXPECT_TRUE(builder.build(store).exact);
+    }
+    auto quick = builder.update(store);
+    EXPECT_EQ(quick.selection.digest, reference.selection.digest);
+    for (std::size_t n = 0; n < quick.map->poses().size(); ++n) {
+      const auto& node = quick.map->problem().nodes[n];
+      if (node.anchor.chain.vehicle > 3) continue;  // the datum
+      const auto exact = reference.map->pose(node.anchor.chain, node.slam), near = quick.map->pose(node.anchor.chain, node.slam);
+      EXPECT_LT((exact->mean.inverse() * near->mean).Log().norm(), 0.02);
+      EXPECT_LT((exact->covariance - near->covariance).norm(), 0.05 * exact->covariance.norm());
+    }
+    expect_same_bits(builder.build(store), reference);
+  }
+}
+
 TYPED_TEST(Rules, WhatIsNotAssociatedChangesNoMarginal) {
   using G = TypeParam;
   auto fleet = test::street_fleet<G>(23);
