@@ -11,9 +11,7 @@
 namespace convoy {
 
 /// Wraps an angle to (-pi, pi]. [rad]
-inline double wrap_angle(double angle_rad) {
-  return std::remainder(angle_rad, 2.0 * M_PI);
-}
+inline double wrap_angle(double angle_rad) { return std::remainder(angle_rad, 2.0 * M_PI); }
 
 class SE2 {
  public:
@@ -53,6 +51,13 @@ class SE2 {
     A.topLeftCorner<2, 2>() = rotation();
     A(0, 2) = t_.y();
     A(1, 2) = -t_.x();
+    return A;
+  }
+
+  /// ad_d, the derivative of Ad_Exp(d) at the identity: ad_d e = [d, e].
+  static Adjoint ad(const Tangent& d) {
+    Adjoint A;
+    A << 0.0, -d[2], d[1], d[2], 0.0, -d[0], 0.0, 0.0, 0.0;
     return A;
   }
 

@@ -55,9 +55,9 @@ class SE3 {
   Eigen::Matrix3d rotation() const {
     const double w = q_[0], x = q_[1], y = q_[2], z = q_[3];
     Eigen::Matrix3d R;
-    R << 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y);
+    R << 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y), 2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x), 2.0 * (x * z - w * y), 2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y);
     return R;
   }
 
@@ -77,6 +77,14 @@ class SE3 {
     const Eigen::Matrix3d R = rotation();
     Adjoint A;
     A << R, skew(t_) * R, Eigen::Matrix3d::Zero(), R;
+    return A;
+  }
+
+  /// ad_d, the derivative of Ad_Exp(d) at the identity: ad_d e = [d, e].
+  static Adjoint ad(const Tangent& d) {
+    const Eigen::Matrix3d turn = skew(d.tail<3>());
+    Adjoint A;
+    A << turn, skew(d.head<3>()), Eigen::Matrix3d::Zero(), turn;
     return A;
   }
 

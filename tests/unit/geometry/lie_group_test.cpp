@@ -80,6 +80,16 @@ TYPED_TEST(LieGroup, LogInvertsExpNearHalfATurn) {
     }
 }
 
+TYPED_TEST(LieGroup, SmallAdIsTheDerivativeOfAd) {
+  constexpr double h = 1e-5;
+  for (int i = 0; i < cases; ++i) {
+    const auto d = this->tangent(10.0, 2.0);
+    const auto numeric = ((TypeParam::Exp(h * d).adjoint() - TypeParam::Exp(-h * d).adjoint()) / (2.0 * h)).eval();
+    EXPECT_LT((TypeParam::ad(d) - numeric).norm(), 1e-6) << "seed " << seed << ", case " << i;
+    EXPECT_LT((TypeParam::ad(d) * d).norm(), 1e-12);
+  }
+}
+
 TYPED_TEST(LieGroup, ExpInvertsLog) {
   for (int i = 0; i < cases; ++i) {
     const auto X = this->element();
@@ -204,8 +214,7 @@ TYPED_TEST(LieGroup, PerturbationOfAnInverseIsThatOfTheAdjoint) {
     const auto X = this->element();
     const auto d = this->tangent(1.0, 0.5);
     const auto moved = X.inverse() * TypeParam::Exp(-(X.adjoint() * d));
-    EXPECT_LT(this->distance((X * TypeParam::Exp(d)).inverse(), moved), 1e-10)
-        << "seed " << seed << ", case " << i;
+    EXPECT_LT(this->distance((X * TypeParam::Exp(d)).inverse(), moved), 1e-10) << "seed " << seed << ", case " << i;
   }
 }
 
