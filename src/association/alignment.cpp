@@ -2,6 +2,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <Eigen/Cholesky>
 #include <Eigen/SVD>
 
 namespace convoy {

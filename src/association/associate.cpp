@@ -4,6 +4,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -26,8 +27,7 @@ typename G::PointCovariance shape_of(const Batch<G>& batch, double gate_volume) 
   Matrix scatter = std::pow(gate_volume / unit_ball(G::Dim), 2.0 / G::Dim) * Matrix::Identity();
   for (const auto& l : batch.landmarks)
     scatter += (l.position - mean) * (l.position - mean).transpose() / static_cast<double>(batch.landmarks.size());
-  const Eigen::SelfAdjointEigenSolver<Matrix> eigen(scatter, Eigen::EigenvaluesOnly);
-  return scatter / eigen.eigenvalues().maxCoeff();
+  return scatter / eigenvalues(scatter).maxCoeff();
 }
 
 // Probability that a landmark thrown at random among those of `batch` falls within a gate of this volume around one of

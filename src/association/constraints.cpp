@@ -4,6 +4,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 

@@ -3,6 +3,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 

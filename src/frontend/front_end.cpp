@@ -2,6 +2,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 
 #include <algorithm>
@@ -51,8 +52,8 @@ std::optional<RigidPart<G>> rigid_part(const RelativeLandmarks<G>& landmarks) {
   for (Eigen::Index i = 0; i < n; ++i)
     A.middleRows(G::Dim * i, G::Dim) = G().act_jacobian(landmarks.positions[static_cast<std::size_t>(i)]);
   const typename G::Covariance AtA = A.transpose() * A;
-  const Eigen::SelfAdjointEigenSolver<typename G::Covariance> eigen(AtA, Eigen::EigenvaluesOnly);
-  if (!(eigen.eigenvalues().minCoeff() > 1e-9 * eigen.eigenvalues().maxCoeff())) return std::nullopt;
+  const typename G::Tangent spread = eigenvalues(AtA);
+  if (!(spread.minCoeff() > 1e-9 * spread.maxCoeff())) return std::nullopt;
   const Eigen::MatrixXd least = AtA.ldlt().solve(A.transpose());
   const Eigen::MatrixXd rest = Eigen::MatrixXd::Identity(G::Dim * n, G::Dim * n) - A * least;
   const Eigen::MatrixXd own = rest * landmarks.covariance * rest.transpose();

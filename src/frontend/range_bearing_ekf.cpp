@@ -163,8 +163,7 @@ bool RangeBearingEkf<G>::may_freeze(std::size_t index) const {
   const double nis = std::accumulate(track.nis.begin(), track.nis.end(), 0.0);
   if (nis > chi2_quantile(params_.nis_confidence, G::Dim * static_cast<double>(track.nis.size()))) return false;
   const typename G::PointCovariance P = filter_.relative_covariance({index});
-  const Eigen::SelfAdjointEigenSolver<typename G::PointCovariance> eigen(P, Eigen::EigenvaluesOnly);
-  return eigen.eigenvalues().maxCoeff() <= params_.max_sigma_m * params_.max_sigma_m;
+  return eigenvalues(P).maxCoeff() <= params_.max_sigma_m * params_.max_sigma_m;
 }
 
 template <class G>

@@ -2,6 +2,7 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/ekf_map.hpp>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 
 namespace convoy {

@@ -5,6 +5,8 @@
 #include <convoy/geometry/se3.hpp>
 #include <convoy/map/problem.hpp>
 
+#include <Eigen/Geometry>
+
 namespace convoy {
 
 /// F0: r = Log(M^-1 T), with J = dr / d(T).

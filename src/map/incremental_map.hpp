@@ -50,7 +50,6 @@ class IncrementalMap {
     double chi2 = 0.0;
     std::uint64_t seen = 0;  // the last solve() that had it
   };
-  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   void take_unknowns(const Problem<G>* before);
   void place(int unknown);
   bool starts_anew(const ChainSpan& span, const Problem<G>* before) const;

@@ -4,6 +4,7 @@
 #include <convoy/map/linear_factors.hpp>
 #include <convoy/submap/content_hash.hpp>
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
 #include <numeric>

@@ -39,7 +39,6 @@ class LinearFactors {
     std::size_t index;                   // within its kind; of landmarks: the first one in by_node_
     std::size_t first_unknown, unknowns; // in unknowns_; of landmarks: the node, then the points
   };
-  static std::size_t at(int k) { return static_cast<std::size_t>(k); }
   void add(Kind kind, std::size_t index, std::initializer_list<int> unknowns);
   void add_landmarks();
   std::size_t landmarks_in(const Factor& f) const { return f.unknowns - 1; }

@@ -4,6 +4,7 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/live_pose.hpp>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <vector>
 

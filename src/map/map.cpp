@@ -5,6 +5,8 @@
 #include <convoy/map/map.hpp>
 #include <convoy/submap/content_hash.hpp>
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/Cholesky>
 #include <algorithm>
 
 namespace convoy {

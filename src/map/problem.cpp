@@ -3,6 +3,7 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/problem.hpp>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -115,8 +115,7 @@ bool is_confined(const RelativePrior<G>& prior, const Batch<G>& a, const Batch<G
   for (const auto& l : b.landmarks) centre += l.position / static_cast<double>(b.landmarks.size());
   const typename G::PointJacobian H = prior.mean.act_jacobian(centre);
   const typename G::PointCovariance C = H * prior.covariance * H.transpose();
-  const Eigen::SelfAdjointEigenSolver<typename G::PointCovariance> eigen(symmetrised(C), Eigen::EigenvaluesOnly);
-  return std::sqrt(gate * eigen.eigenvalues().maxCoeff()) <= 0.5 * extent;
+  return std::sqrt(gate * eigenvalues(symmetrised(C)).maxCoeff()) <= 0.5 * extent;
 }
 
 // A veto stands while the last verdict of any author on the hypothesis is one.

@@ -3,6 +3,7 @@
 #include <convoy/solver/block_ordering.hpp>
 #include <convoy/solver/dense_kernels.hpp>
 #include <convoy/solver/front_cost.hpp>
+#include <convoy/solver/index.hpp>
 
 #include <algorithm>
 #include <cstring>
@@ -10,8 +11,6 @@
 
 namespace convoy {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 // Neighbours of each of n things, one after the other.
 struct Lists {

@@ -1,16 +1,11 @@
 #include <convoy/solver/block_cholesky.hpp>
 #include <convoy/solver/dense_kernels.hpp>
+#include <convoy/solver/index.hpp>
 
 #include <algorithm>
 #include <cstring>
 
 namespace convoy {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
-
 void BlockCholesky::set_zero() { std::fill(values_.begin(), values_.end(), 0.0); }
 
 void BlockCholesky::assemble(std::size_t s, double* update, double damping) {

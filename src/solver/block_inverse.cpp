@@ -1,17 +1,12 @@
 // What is asked of H^-1: blocks of it, by the paths of what is asked for or by selected inversion.
 #include <convoy/solver/block_cholesky.hpp>
 #include <convoy/solver/dense_kernels.hpp>
+#include <convoy/solver/index.hpp>
 
 #include <algorithm>
 #include <cstring>
 
 namespace convoy {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
-
 Eigen::MatrixXd BlockCholesky::covariance(int i, int j) const {
   std::vector<std::size_t> down;  // from the supernode of i to its root
   for (int s = supernode_of_[index(i)]; s >= 0; s = supernodes_[at(s)].parent) down.push_back(at(s));

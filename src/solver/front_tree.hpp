@@ -9,6 +9,8 @@
 // it is while the tree goes on.
 #pragma once
 
+#include <convoy/solver/index.hpp>
+
 #include <Eigen/Core>
 #include <cstdint>
 #include <map>
@@ -113,7 +115,6 @@ class FrontTree {
     Mark mark = Mark::keep;
   };
 
-  static std::size_t at(int i) { return static_cast<std::size_t>(i); }
   void mark_path(int node, Mark mark);
   void mark_all();
   void collect_marked();

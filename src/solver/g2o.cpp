@@ -1,7 +1,7 @@
 #include <convoy/config_error.hpp>
+#include <convoy/geometry/covariance.hpp>
 #include <convoy/solver/g2o.hpp>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -143,8 +143,7 @@ class Parser {
       refuse(which + "each entry of its diagonal must be above 0; correct or remove the line");
     const Eigen::VectorXd scale = W.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::MatrixXd scaled = scale.asDiagonal() * W * scale.asDiagonal();
-    const double smallest =
-        Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(scaled, Eigen::EigenvaluesOnly).eigenvalues()[0];
+    const double smallest = eigenvalues(scaled)[0];
     if (!(smallest > kSmallest))
       refuse(which + (std::abs(smallest) <= kSmallest ? "it is singular" : "an eigenvalue is negative") +
              "; correct or remove the line");

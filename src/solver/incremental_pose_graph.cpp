@@ -1,17 +1,12 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/solver/incremental_pose_graph.hpp>
+#include <convoy/solver/index.hpp>
 
 #include <Eigen/LU>
 #include <algorithm>
 #include <array>
 
 namespace convoy {
-namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
-
 template <class G>
 IncrementalPoseGraph<G>::IncrementalPoseGraph(const G& first, const IncrementalParams& params) : params_(params) {
   append_pose();

@@ -1,4 +1,5 @@
 #include <convoy/geometry/groups.hpp>
+#include <convoy/solver/index.hpp>
 #include <convoy/solver/pose_graph.hpp>
 
 #include <Eigen/LU>
@@ -8,8 +9,6 @@
 
 namespace convoy {
 namespace {
-
-std::size_t at(int i) { return static_cast<std::size_t>(i); }
 
 template <class G>
 BlockPattern pattern_of(const PoseGraph<G>& graph, std::vector<int>& block_of, int block_size = G::Dof) {

@@ -1,5 +1,6 @@
 // The factorisation against Eigen's scalar LDLT with AMD, on a street fleet of 100 vehicles with 1000 nodes each and,
 // if they are on this machine ($CONVOY_DATA_DIR, or ../shared/data beside the source tree), on public pose graphs.
+#include <Eigen/Cholesky>
 #include <sys/resource.h>
 #include <convoy/solver/block_cholesky.hpp>
 #include <convoy/solver/block_ordering.hpp>

@@ -5,6 +5,7 @@
 #include <convoy/map/map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
+#include <Eigen/Cholesky>
 #include <Eigen/Sparse>
 #include <Eigen/SparseCholesky>
 #include <vector>

@@ -1,5 +1,6 @@
-# Builds and installs the core in ${scratch}, where Fast DDS cannot be found, with ${compiler} and ${launcher}; then
-# looks through every header that was read for one of a middleware or of OpenCV.
+# Configures the core in ${scratch}, where Fast DDS cannot be found, with ${compiler} and ${launcher}, and installs it; looks through
+# every header that it reads for one of a middleware or of OpenCV. With ${whole}, it is built there from nothing; without, the library is
+# the one which the build in ${tree} made of the same sources with the same options.
 cmake_minimum_required(VERSION 3.25)
 
 # run(COMMAND...): stops at the first failure.
@@ -9,7 +10,9 @@ endfunction()
 
 file(REMOVE_RECURSE ${scratch})
 run(${CMAKE_COMMAND} -G Ninja -S ${source} -B ${scratch}/build
-  -DCMAKE_BUILD_TYPE=Debug
+  -DCMAKE_BUILD_TYPE=${type}
+  -DCMAKE_CXX_FLAGS=${flags}
+  -DBUILD_SHARED_LIBS=${shared}
   -DCMAKE_CXX_COMPILER=${compiler}
   -DCMAKE_CXX_COMPILER_LAUNCHER=${launcher}
   -DCMAKE_INSTALL_PREFIX=${scratch}/prefix
@@ -21,9 +24,17 @@ run(${CMAKE_COMMAND} -G Ninja -S ${source} -B ${scratch}/build
   -DCONVOY_BUILD_TESTS=OFF
   -DCONVOY_BUILD_EXAMPLES=OFF
 )
-run(${CMAKE_COMMAND} --build ${scratch}/build)
+if(whole)
+  run(${CMAKE_COMMAND} --build ${scratch}/build)
+  set(tree ${scratch}/build)
+else()
+  file(GLOB library ${tree}/src/libconvoy_core.*)  # one archive, or a shared library and the links to it
+  file(COPY ${library} DESTINATION ${scratch}/build/src)
+endif()
 
-execute_process(COMMAND ninja -C ${scratch}/build -t deps OUTPUT_VARIABLE headers COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ninja -C ${tree} -t targets all OUTPUT_VARIABLE targets COMMAND_ERROR_IS_FATAL ANY)
+string(REGEX MATCHALL "src/CMakeFiles/convoy_core.dir/[^\n:]*[.]o" objects "${targets}")
+execute_process(COMMAND ninja -C ${tree} -t deps ${objects} OUTPUT_VARIABLE headers COMMAND_ERROR_IS_FATAL ANY)
 if(NOT headers MATCHES "/Eigen/Core\n" OR NOT headers MATCHES "/convoy/submap/facts.hpp\n")
   message(FATAL_ERROR "the list of headers that were read is not complete:\n${headers}")
 endif()

@@ -3,6 +3,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/polar.hpp>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <set>

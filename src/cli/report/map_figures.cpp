@@ -193,9 +193,7 @@ Share held_by_slam(const VehicleRecord<G>& vehicle, const Placement<G>& placemen
 
 /// Half the length of the 95 % ellipse.
 double reach_m(const Eigen::Matrix2d& covariance) {
-  const double largest =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(covariance, Eigen::EigenvaluesOnly).eigenvalues()[1];
-  return std::sqrt(chi2_quantile(0.95, 2.0) * std::max(0.0, largest));
+  return std::sqrt(chi2_quantile(0.95, 2.0) * std::max(0.0, eigenvalues(covariance)[1]));
 }
 
 /// What the run shows of a drift drawing: which ellipses hold the truth, and how large they are in the end.

@@ -7,6 +7,7 @@
 #include "../random_world.hpp"
 #include "../sample_facts.hpp"
 
+#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
 namespace convoy {

@@ -6,6 +6,7 @@
 
 #include "../random_world.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 #include <limits>

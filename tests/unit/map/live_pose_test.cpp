@@ -5,6 +5,7 @@
 
 #include "sample_fleet.hpp"
 
+#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -3,6 +3,7 @@
 
 #include "sample_fleet.hpp"
 
+#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
 
 namespace convoy {

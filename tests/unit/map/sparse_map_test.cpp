@@ -7,6 +7,8 @@
 
 #include "sample_fleet.hpp"
 
+#include <Eigen/QR>
+#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 
 #include <cstdio>
