@@ -1,5 +1,6 @@
-// A baseline: Ceres on the public pose graphs of bench_solver, with the same residual and derivatives by hand, one thread.
-// The quickest of its trust regions and of the sparse libraries it was built with stands for it. Built where Ceres is.
+// A baseline: Ceres on the public pose graphs of bench_solver, with the same residual and derivatives by hand, one
+// thread. The quickest of its trust regions and of the sparse libraries it was built with stands for it. Built where
+// Ceres is.
 #include <ceres/ceres.h>
 #include <ceres/version.h>
 
@@ -160,7 +161,8 @@ void BM_ceres_cold_solve(benchmark::State& state) {
   state.counters["final_cost"] = solution.final_cost;
   state.counters["iterations_to_converge"] = solution.iterations;
   state.counters["ms_per_iteration"] = quickest.ms_per_iteration;
-  state.SetLabel(bench::graph_name(state) + ", Ceres " CERES_VERSION_STRING ", " + name_of(*quickest.way) + ", " + blas);
+  state.SetLabel(bench::graph_name(state) + ", Ceres " CERES_VERSION_STRING ", " + name_of(*quickest.way) + ", " +
+                 blas);
 }
 BENCHMARK(BM_ceres_cold_solve)->DenseRange(0, 4)->Unit(benchmark::kMillisecond);
 

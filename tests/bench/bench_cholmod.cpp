@@ -53,7 +53,8 @@ class Cholmod {
 
   /// The numbers of L and their pattern.
   double held_MB() const {
-    return 1e-6 * (static_cast<double>(factor_->xsize) * sizeof(double) + static_cast<double>(factor_->ssize) * sizeof(int));
+    return 1e-6 *
+           (static_cast<double>(factor_->xsize) * sizeof(double) + static_cast<double>(factor_->ssize) * sizeof(int));
   }
 
  private:
@@ -83,7 +84,8 @@ void BM_cholmod_factor(benchmark::State& state) {
   if (!ok) state.SkipWithError("not positive definite");
   else if (!agrees(system, cholmod)) state.SkipWithError("the solutions differ");
   state.counters["held_MB"] = cholmod.held_MB();
-  state.SetLabel("CHOLMOD " + std::to_string(CHOLMOD_MAIN_VERSION) + "." + std::to_string(CHOLMOD_SUB_VERSION) + ", " + blas);
+  state.SetLabel("CHOLMOD " + std::to_string(CHOLMOD_MAIN_VERSION) + "." + std::to_string(CHOLMOD_SUB_VERSION) + ", " +
+                 blas);
 }
 BENCHMARK_TEMPLATE(BM_cholmod_factor, 3)->Arg(300)->Arg(20000)->Arg(68000)->Unit(benchmark::kMillisecond);
 BENCHMARK_TEMPLATE(BM_cholmod_factor, 6)->Arg(300)->Arg(20000)->Arg(68000)->Unit(benchmark::kMillisecond);

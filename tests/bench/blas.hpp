@@ -10,7 +10,8 @@ namespace convoy::bench {
 
 /// Keeps it to one thread, where it has several, and tells its name, "openblas-serial/libblas.so.3".
 inline std::string one_thread_of_blas() {
-  if (void* set_threads = dlsym(RTLD_DEFAULT, "openblas_set_num_threads")) reinterpret_cast<void (*)(int)>(set_threads)(1);
+  if (void* set_threads = dlsym(RTLD_DEFAULT, "openblas_set_num_threads"))
+    reinterpret_cast<void (*)(int)>(set_threads)(1);
   Dl_info info{};
   void* symbol = dlsym(RTLD_DEFAULT, "dgemm_");
   if (!symbol || !dladdr(symbol, &info) || !info.dli_fname) return "no BLAS";

@@ -29,7 +29,8 @@ figure svg { display: block; width: 100%; height: auto; }
 }  // namespace
 
 std::string page_begin(const std::string& title) {
-  return "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head><meta charset=\"utf-8\"/><title>" +
+  return "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head><meta "
+         "charset=\"utf-8\"/><title>" +
          xml_escaped(title) + "</title><style>" + style + "</style></head>\n<body>\n";
 }
 
