@@ -149,6 +149,10 @@ Quickest quickest_way(const PoseGraph<SE2>& graph, double final_cost) {
 
 void BM_ceres_cold_solve(benchmark::State& state) {
   const std::string blas = bench::one_thread_of_blas();
+  if (!bench::one_thread_of_openmp()) {
+    state.SkipWithError(bench::several_threads);
+    return;
+  }
   const auto graph = bench::public_graph(state);
   if (!graph) return;
   const Quickest quickest = quickest_way(*graph, our_final_cost(*graph));

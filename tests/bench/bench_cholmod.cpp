@@ -77,6 +77,10 @@ bool agrees(const bench::System<D>& system, Cholmod& cholmod) {
 template <int D>
 void BM_cholmod_factor(benchmark::State& state) {
   const std::string blas = bench::one_thread_of_blas();
+  if (!bench::one_thread_of_openmp()) {
+    state.SkipWithError(bench::several_threads);
+    return;
+  }
   const auto& system = bench::fleet<D>(static_cast<int>(state.range(0)));
   Cholmod cholmod(system.scalar, scalar_order<D>(system.pattern));
   bool ok = true;

@@ -19,4 +19,11 @@ inline std::string one_thread_of_blas() {
   return (file.parent_path().filename() / file.filename()).string();
 }
 
+/// Whether OpenMP, where it is loaded, keeps to one thread. Only the environment can tell it to: OMP_THREAD_LIMIT=1.
+inline bool one_thread_of_openmp() {
+  const auto limit = reinterpret_cast<int (*)()>(dlsym(RTLD_DEFAULT, "omp_get_thread_limit"));
+  return !limit || limit() == 1;
+}
+constexpr const char* several_threads = "OpenMP may use several threads; set OMP_THREAD_LIMIT=1";
+
 }  // namespace convoy::bench

@@ -18,6 +18,7 @@ table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabula
 th, td { border-bottom: 1px solid #e4e7eb; padding: 4px 9px; text-align: right; vertical-align: top; }
 th { color: #52606d; font-weight: 600; vertical-align: bottom; }
 th.text, td.text { text-align: left; }
+td.whole { white-space: nowrap; }
 tr.ours td { background: #f0f7f2; }
 .miss { color: #b3191b; font-weight: 600; }
 .row { display: flex; flex-wrap: wrap; gap: 10px; align-items: flex-start; }
@@ -37,6 +38,7 @@ std::string page_begin(const std::string& title) {
 std::string page_end() { return "</body>\n</html>\n"; }
 
 std::string text_cell(const std::string& text) { return "<td class=\"text\">" + xml_escaped(text) + "</td>"; }
+std::string whole_cell(const std::string& text) { return "<td class=\"text whole\">" + xml_escaped(text) + "</td>"; }
 std::string cell(const std::string& text) { return "<td>" + xml_escaped(text) + "</td>"; }
 
 }  // namespace convoy::cli

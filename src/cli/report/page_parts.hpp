@@ -12,5 +12,7 @@ std::string page_end();
 /// One cell of a table, aligned to the left or, as figures are, to the right.
 std::string text_cell(const std::string& text);
 std::string cell(const std::string& text);
+/// One to the left that stays on one line.
+std::string whole_cell(const std::string& text);
 
 }  // namespace convoy::cli
