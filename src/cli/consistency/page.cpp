@@ -5,31 +5,11 @@
 #include <functional>
 
 #include "consistency/real_drift_page.hpp"
+#include "report/page_parts.hpp"
 #include "report/svg_plot.hpp"
 
 namespace convoy::cli::consistency {
 namespace {
-
-constexpr const char* style = R"(
-:root { color: #1f2933; background: #ffffff; font-family: system-ui, "DejaVu Sans", Helvetica, Arial, sans-serif; }
-body { max-width: 1100px; margin: 0 auto; padding: 24px 20px 60px; font-size: 15px; line-height: 1.5; }
-h1 { font-size: 26px; margin: 0 0 4px; }
-h2 { font-size: 18px; margin: 36px 0 8px; }
-h3 { font-size: 15px; margin: 24px 0 4px; }
-p.lead { font-size: 17px; margin: 6px 0 14px; }
-p.source { color: #52606d; margin: 0; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid #e4e7eb; padding: 4px 9px; text-align: right; vertical-align: top; }
-th { color: #52606d; font-weight: 600; vertical-align: bottom; }
-th.text, td.text { text-align: left; }
-tr.ours td { background: #f0f7f2; }
-.miss { color: #b3191b; font-weight: 600; }
-.row { display: flex; flex-wrap: wrap; gap: 10px; align-items: flex-start; }
-figure { margin: 0; width: calc(33.3% - 7px); }
-figure svg { display: block; width: 100%; height: auto; }
-@media screen and (max-width: 700px) { figure { width: 100%; } }
-)";
 
 struct Look {
   const char* model;
@@ -49,8 +29,6 @@ SvgPlot::Style look_of(const std::string& model) {
   return {"#1f77b4"};
 }
 
-std::string text_cell(const std::string& text) { return "<td class=\"text\">" + xml_escaped(text) + "</td>"; }
-std::string cell(const std::string& text) { return "<td>" + xml_escaped(text) + "</td>"; }
 std::string met_cell(bool met) { return met ? "<td class=\"text\">met</td>" : "<td class=\"text miss\">miss</td>"; }
 
 using Rows = std::vector<const Row*>;
@@ -146,10 +124,7 @@ std::string misses(const ConsistencyResult& result) {
 }  // namespace
 
 std::string consistency_page(const ConsistencyResult& result) {
-  std::string html = "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head><meta charset=\"utf-8\"/>"
-                     "<title>convoy: consistency</title><style>";
-  html += style;
-  html += "</style></head>\n<body>\n<h1>Consistency</h1>\n<p class=\"lead\">";
+  std::string html = page_begin("convoy: consistency") + "<h1>Consistency</h1>\n<p class=\"lead\">";
   html += result.pass() ? "The estimator passes, and every negative control fails. "
                         : "<span class=\"miss\">The suite does not pass.</span> ";
   html += xml_escaped(misses(result)) + "</p>\n<p class=\"source\">" + std::to_string(result.options.runs) +
@@ -179,8 +154,8 @@ std::string consistency_page(const ConsistencyResult& result) {
   html +=
       "<section><h2>Every row</h2>\n<p>EKF-SLAM has its baselines in the plane; in space, what ships and the raw SLAM. "
       "The EKF map takes landmarks of a batch as independent.</p>\n" +
-      row_table(result) + "</section>\n</body>\n</html>\n";
-  return html;
+      row_table(result) + "</section>\n";
+  return html + page_end();
 }
 
 }  // namespace convoy::cli::consistency

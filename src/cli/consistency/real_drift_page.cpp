@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <functional>
 
+#include "report/page_parts.hpp"
 #include "report/svg_plot.hpp"
 
 namespace convoy::cli::consistency {
@@ -56,8 +57,6 @@ SvgPlot::Style look_of(const std::string& model) {
   return {"#2ca02c", 1.5, "6 3"};
 }
 
-std::string text_cell(const std::string& text) { return "<td class=\"text\">" + xml_escaped(text) + "</td>"; }
-std::string cell(const std::string& text) { return "<td>" + xml_escaped(text) + "</td>"; }
 std::string head(std::initializer_list<const char*> texts, std::initializer_list<const char*> numbers) {
   std::string html = "<div class=\"scroll\"><table><tr>";
   for (const char* t : texts) html += "<th class=\"text\">" + xml_escaped(t) + "</th>";

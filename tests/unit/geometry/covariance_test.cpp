@@ -1,5 +1,6 @@
 #include <convoy/geometry/covariance.hpp>
 
+#include <Eigen/LU>
 #include <gtest/gtest.h>
 
 #include <cmath>

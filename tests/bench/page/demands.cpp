@@ -1,0 +1,189 @@
+#include "page/demands.hpp"
+
+namespace convoy::bench {
+namespace {
+
+Asked time_at_most(double figure) { return {Asked::Kind::at_most, figure, tolerance_of_times}; }
+Asked size_at_most(double figure) { return {Asked::Kind::at_most, figure}; }
+Asked equal(double figure) { return {Asked::Kind::equal, figure, 1e-6}; }
+constexpr Asked nothing{};
+
+// The benches, by what they measure. Links: 20000 or 68000.
+Source factor(int dof, int links, const char* value) {
+  return {"solver", "BM_fleet_factor<" + std::to_string(dof) + ">/" + std::to_string(links), value};
+}
+Source cholmod(int dof, int links, const char* value) {
+  return {"cholmod", "BM_cholmod_factor<" + std::to_string(dof) + ">/" + std::to_string(links), value};
+}
+Source order(int links, const char* value) { return {"solver", "BM_fleet_order/" + std::to_string(links), value}; }
+Source cold_fleet(int links, const char* value) {
+  return {"solver", "BM_fleet_cold_solve/" + std::to_string(links), value};
+}
+Source update(const char* fleet, const char* value) { return {"map", "BM_update/" + std::string(fleet), value}; }
+Source rebuild(const char* fleet) { return {"map", "BM_rebuild/" + std::string(fleet), "p50_ms"}; }
+Source million(const char* group, const char* value) {
+  return {"store", "BM_hold_a_million<" + std::string(group) + ">", value};
+}
+
+enum Graph { M3500, kitti_05, kitti_06, kitti_07, kitti_09 };  // of public_graphs.hpp
+Source graph(const char* what, Graph number, const char* value) {
+  return {"solver", std::string("BM_public_") + what + "/" + std::to_string(number), value};
+}
+Source ceres(Graph number, const char* value) {
+  return {"ceres", "BM_ceres_cold_solve/" + std::to_string(number), value};
+}
+
+Baseline eigen(Source source) { return {"Eigen SimplicialLDLT, scalar AMD", std::move(source)}; }
+Baseline supernodal(Source source) { return {"CHOLMOD supernodal, same order of blocks", std::move(source)}; }
+Baseline of_ceres(Graph number, const char* value) { return {"Ceres", ceres(number, value)}; }
+
+// Rows of one kind.
+Demand factor_time(const char* what, int dof, int links, double limit_s) {
+  return {"Fleet on a street grid, 100 vehicles with 1000 nodes each: numeric factorisation",
+          what,
+          time_at_most(limit_s),
+          "s",
+          factor(dof, links, "cpu_s"),
+          {eigen(factor(dof, links, "baseline_s")), supernodal(cholmod(dof, links, "cpu_s"))}};
+}
+Demand factor_memory(const char* what, int dof, int links, double limit_MB) {
+  return {"Fleet on a street grid: memory held by the factorisation",
+          what,
+          size_at_most(limit_MB),
+          "MB",
+          factor(dof, links, "held_MB"),
+          {eigen(factor(dof, links, "baseline_MB")), supernodal(cholmod(dof, links, "held_MB"))}};
+}
+Demand order_time(const char* what, int links, double limit_s) {
+  return {
+      "Fleet on a street grid, SE(2): ordering on blocks",   what, time_at_most(limit_s), "s", order(links, "cpu_s"),
+      {{"Eigen AMD on scalars", order(links, "baseline_s")}}};
+}
+Demand fleet_time(const char* what, int links, double limit_s) {
+  return {"Fleet on a street grid, SE(2): cold solution to convergence",
+          what,
+          time_at_most(limit_s),
+          "s",
+          cold_fleet(links, "cpu_s"),
+          {{"as many iterations with Eigen SimplicialLDLT", cold_fleet(links, "baseline_s")}}};
+}
+Demand update_time(const char* what, const char* fleet, const char* value, double limit_ms) {
+  return {"One new batch with one hypothesis, from facts to map (the hypothesis comes in, its landmarks are held)",
+          what,
+          time_at_most(limit_ms),
+          "ms",
+          update(fleet, value),
+          {{"the map made anew (median)", rebuild(fleet)}}};
+}
+Demand iteration_time(const char* what, Graph number, double limit_ms) {
+  return {"Public pose graphs: a full iteration",
+          what,
+          time_at_most(limit_ms),
+          "ms",
+          graph("iteration", number, "cpu_ms"),
+          {eigen(graph("iteration", number, "baseline_ms")), of_ceres(number, "ms_per_iteration")}};
+}
+Demand cold_cost(const char* what, Graph number, double cost) {
+  return {"Public pose graphs: final cost of the cold solution (half chi-square, residual of g2o)",
+          what,
+          equal(cost),
+          "",
+          graph("cold_solve", number, "final_cost"),
+          {of_ceres(number, "final_cost")}};
+}
+constexpr const char* growing = "M3500, poses in order";
+Demand growing_time(const char* what, Asked asked, const char* value) {
+  return {growing,
+          what,
+          asked,
+          "ms",
+          graph("incremental", M3500, value),
+          {{"a full iteration of all poses", graph("iteration", M3500, "cpu_ms")}}};
+}
+constexpr const char* keeping = "A landmark that nobody has associated, of a million";
+Demand keeping_time(const char* what, const char* group) {
+  return {keeping, what, time_at_most(2), "x", million(group, "ratio_to_baseline"), {}};
+}
+Demand keeping_memory(const char* what, const char* group) {
+  return {keeping,
+          what,
+          size_at_most(400),
+          "bytes",
+          million(group, "bytes_each"),
+          {{"std::unordered_map, no check, no index", million(group, "baseline_bytes")}}};
+}
+Demand cold_time(const char* what, Graph number) {
+  return {"Public pose graphs: the cold solution",
+          what,
+          nothing,
+          "ms",
+          graph("cold_solve", number, "cpu_ms"),
+          {of_ceres(number, "cpu_ms")}};
+}
+
+}  // namespace
+
+const std::vector<Demand>& demands() {
+  static const std::vector<Demand> table = {
+      factor_time("SE(2), 20 k links", 3, 20000, 0.30),
+      factor_time("SE(2), 68 k links", 3, 68000, 0.35),
+      factor_time("SE(3), 20 k links", 6, 20000, 0.90),
+      factor_time("SE(3), 68 k links", 6, 68000, 1.30),
+      factor_memory("SE(2), 20 k links", 3, 20000, 300),
+      factor_memory("SE(2), 68 k links", 3, 68000, 300),
+      factor_memory("SE(3), 20 k links", 6, 20000, 300),
+      factor_memory("SE(3), 68 k links", 6, 68000, 300),
+      order_time("20 k links", 20000, 0.06),
+      order_time("68 k links", 68000, 0.06),
+      fleet_time("20 k links", 20000, 2),
+      fleet_time("68 k links", 68000, 2),
+      update_time("10 vehicles with 1000 anchors, median", "10/1000", "p50_ms", 20),
+      update_time("10 vehicles with 1000 anchors, 99 %", "10/1000", "p99_ms", 200),
+      update_time("100 vehicles with 1000 anchors, median", "100/1000", "p50_ms", 100),
+      update_time("100 vehicles with 1000 anchors, 99 %", "100/1000", "p99_ms", 1000),
+      iteration_time("M3500", M3500, 5),
+      iteration_time("KITTI 05", kitti_05, 1.5),
+      {"M3500: all pose marginals",
+       "with factorisation",
+       time_at_most(40),
+       "ms",
+       graph("marginals", M3500, "cpu_ms"),
+       {{"Eigen SimplicialLDLT, solved for every column", graph("marginals", M3500, "baseline_ms")}}},
+      growing_time("an update, median", time_at_most(0.1), "p50_ms"),
+      growing_time("an update, 99 %", time_at_most(5), "p99_ms"),
+      growing_time("an update, the longest", time_at_most(10), "max_ms"),
+      growing_time("an update that factors anything, median", nothing, "p50_working_ms"),
+      growing_time("the last full solution", nothing, "finish_ms"),
+      {growing,
+       "final cost, after the last full solution",
+       equal(68.95647547),
+       "",
+       graph("incremental", M3500, "final_cost"),
+       {of_ceres(M3500, "final_cost")}},
+      cold_cost("M3500", M3500, 68.95647547),
+      cold_cost("KITTI 05", kitti_05, 78.55218254),
+      cold_cost("KITTI 06", kitti_06, 12.97354256),
+      cold_cost("KITTI 07", kitti_07, 6.33051813),
+      cold_cost("KITTI 09", kitti_09, 17.19141398),
+      keeping_time("SE(2), time of the last tenth to that of the first", "SE2"),
+      keeping_time("SE(3), time of the last tenth to that of the first", "SE3"),
+      keeping_memory("SE(2), memory of each", "SE2"),
+      keeping_memory("SE(3), memory of each", "SE3"),
+      cold_time("M3500", M3500),
+      cold_time("KITTI 05", kitti_05),
+      cold_time("KITTI 06", kitti_06),
+      cold_time("KITTI 07", kitti_07),
+      cold_time("KITTI 09", kitti_09),
+  };
+  return table;
+}
+
+const std::vector<OptionalBench>& optional_benches() {
+  static const std::vector<OptionalBench> benches = {
+      {"cholmod", "CHOLMOD", "libsuitesparse-dev libopenblas0-serial"},
+      {"ceres", "Ceres", "libceres-dev"},
+  };
+  return benches;
+}
+
+}  // namespace convoy::bench
