@@ -14,8 +14,8 @@ namespace convoy {
 struct AssociationCounters {
   std::uint64_t searches = 0;
   std::uint64_t accepted = 0;
-  std::uint64_t already_stated = 0;                        ///< to be stated, and held already from another vehicle
-  std::array<std::uint64_t, rejection_count> rejected{};   ///< by Rejection: why is there no association?
+  std::uint64_t already_stated = 0;                       ///< to be stated, and held already from another vehicle
+  std::array<std::uint64_t, rejection_count> rejected{};  ///< by Rejection: why is there no association?
   std::uint64_t search_nodes = 0;
 };
 
@@ -38,8 +38,8 @@ class AssociationComponent {
 
   SubmapManager<G>& manager_;
   AssociationParams params_;
-  std::set<Key> known_;                          // complete batches seen so far
-  std::vector<std::pair<Key, Key>> queue_;       // pairs to search, newest last
+  std::set<Key> known_;                     // complete batches seen so far
+  std::vector<std::pair<Key, Key>> queue_;  // pairs to search, newest last
   std::uint64_t revision_ = 0;
   AssociationCounters counters_;
 };

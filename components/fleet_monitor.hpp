@@ -1,5 +1,5 @@
-// FleetMonitor: listens to a fleet and shows its common map, without being a vehicle: it never sends anything, so what it
-// misses stays missing until the middleware's history or somebody else's repair brings it.
+// FleetMonitor: listens to a fleet and shows its common map, without being a vehicle: it never sends anything, so what
+// it misses stays missing until the middleware's history or somebody else's repair brings it.
 #pragma once
 
 #include <convoy/components/submap_manager.hpp>

@@ -17,7 +17,7 @@ ChainState<G> advance(DriftAccumulator<G>& drift, const FrontEndState<G>& s) {
 
 constexpr double trail_spacing_m = 1.0;
 constexpr double memory_s = 120.0;  // for how long others may take to say that they saw this vehicle
-constexpr double max_gap_s = 2.0;  // between two states, so that the way in between is known
+constexpr double max_gap_s = 2.0;   // between two states, so that the way in between is known
 
 // One position per track, each track once, and a joint covariance of that size; all finite.
 template <class G>

@@ -74,7 +74,7 @@ class FrontEndComponent {
   std::deque<std::uint64_t> exported_order_;                   // ... of the latest tracks, in order
   double anchor_abscissa_m_ = 0.0;
   std::uint64_t remembered_unfit_ = 0;
-  std::deque<ChainState<G>> recent_;  // exportable states of the last two minutes
+  std::deque<ChainState<G>> recent_;          // exportable states of the last two minutes
   std::vector<std::pair<Key, double>> seen_;  // encounters to answer: [key, stamp_s]
   typename G::Point mark_ = G::Point::Zero();
   std::uint64_t encounters_unanswered_ = 0;

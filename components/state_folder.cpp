@@ -46,23 +46,27 @@ std::string content_of(const fs::path& file) {
 std::optional<Epoch> last_epoch(const fs::path& file) {
   std::error_code error;
   if (fs::symlink_status(file, error).type() == fs::file_type::not_found) return std::nullopt;
-  if (error) throw ConfigError(file.string() + ": cannot be read: " + error.message() + "; check the folder's permissions");
+  if (error)
+    throw ConfigError(file.string() + ": cannot be read: " + error.message() + "; check the folder's permissions");
   const std::string text = content_of(file);
   Epoch last = 0;
   std::from_chars(text.data(), text.data() + text.size(), last);
   if (text != line_of(last) || last == std::numeric_limits<Epoch>::max())
-    throw ConfigError(file.string() + ":1: damaged, this is no epoch; delete the file, and the vehicle begins anew: with an "
+    throw ConfigError(file.string() +
+                      ":1: damaged, this is no epoch; delete the file, and the vehicle begins anew: with an "
                       "epoch by the clock, and with its static bias if it has one");
   return last;
 }
 
 void write_through(const fs::path& file, const std::string& text) {
   const int out = open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
-  const bool written = out >= 0 && write(out, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(out) == 0;
+  const bool written =
+      out >= 0 && write(out, text.data(), text.size()) == static_cast<ssize_t>(text.size()) && fsync(out) == 0;
   const std::string why = reason();
   if (out >= 0) close(out);
   if (!written)
-    throw ConfigError(file.string() + ": cannot write (" + why + "); the state folder must be writable, with space on its disk");
+    throw ConfigError(file.string() + ": cannot write (" + why +
+                      "); the state folder must be writable, with space on its disk");
 }
 
 }  // namespace
@@ -104,7 +108,8 @@ StateFolder::NextEpoch StateFolder::next_epoch(const std::function<Epoch()>& fre
   write_through(next, line_of(epoch));
   std::error_code error;
   fs::rename(next, file, error);
-  if (error) throw ConfigError(file.string() + ": cannot replace: " + error.message() + "; check the folder's permissions");
+  if (error)
+    throw ConfigError(file.string() + ": cannot replace: " + error.message() + "; check the folder's permissions");
   if (const int folder = open(folder_.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); folder >= 0) {
     fsync(folder);  // the new name, too
     close(folder);

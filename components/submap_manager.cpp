@@ -2,8 +2,8 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/groups.hpp>
-#include <convoy/map/live_pose.hpp>
 #include <convoy/map/ekf_map.hpp>
+#include <convoy/map/live_pose.hpp>
 #include <convoy/map/sparse_map.hpp>
 
 #include <algorithm>
@@ -37,9 +37,13 @@ void validate(const ChainId& self, const SubmapManagerParams& p) {
 template <class G>
 SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange, const SubmapManagerParams& params,
                                 std::shared_ptr<const Backend<G>> backend)
-    : self_(self), exchange_(exchange), params_(params), store_(params.limits),
+    : self_(self),
+      exchange_(exchange),
+      params_(params),
+      store_(params.limits),
       repair_(self, params.repair, params.seed + 0x9e3779b97f4a7c15U * self.vehicle),
-      backend_(backend ? std::move(backend) : make_backend<G>(params.backend)), builder_(params_.selection, *backend_) {
+      backend_(backend ? std::move(backend) : make_backend<G>(params.backend)),
+      builder_(params_.selection, *backend_) {
   validate<G>(self, params);
   adopt({builder_.build(store_), 0, 0.0});
   counters_.maps_built = 0;
@@ -80,7 +84,8 @@ void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G
   prior.persistent = persistent;
   if (const Insertion fit = store_.check(prior); fit != Insertion::inserted)
     throw ConfigError(std::string("submap manager: the static bias is refused (") + to_string(fit) +
-                      "); give a finite pose, a symmetric positive semidefinite covariance, and a persistent drift within its ranges");
+                      "); give a finite pose, a symmetric positive semidefinite covariance, and a persistent drift "
+                      "within its ranges");
   publish(start);
   publish(prior);
   send(start);
@@ -186,7 +191,8 @@ bool SubmapManager<G>::publish_encounter(const ChainState<G>& state, VehicleId o
 }
 
 template <class G>
-bool SubmapManager<G>::publish_waypoint(const ChainState<G>& state, const Key& encounter, const typename G::Point& mark) {
+bool SubmapManager<G>::publish_waypoint(const ChainState<G>& state, const Key& encounter,
+                                        const typename G::Point& mark) {
   auto& next = next_index_[static_cast<std::size_t>(FactKind::waypoint)];
   const WaypointFact<G> fact{{self_, next}, anchor_before(state), state, encounter, mark};
   if (store_.check(fact) != Insertion::inserted) {
@@ -229,8 +235,9 @@ void SubmapManager<G>::update_live(LivePose<G> live) {
   live.chain = self_;
   live.anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
   live.reasons = reasons(self_, 0.0, 0.0);
-  live.integrity = !map_.map->aligned(self_) ? Integrity::unaligned
-                   : live.reasons != reason_none ? Integrity::suspect : Integrity::ok;
+  live.integrity = !map_.map->aligned(self_)     ? Integrity::unaligned
+                   : live.reasons != reason_none ? Integrity::suspect
+                                                 : Integrity::ok;
   if (!is_fit(live)) {
     ++counters_.live_unfit;
     live.remembered.clear();  // the SLAM's pose may still be: it is told as it is, and judged by whoever hears it
@@ -293,7 +300,8 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
           const bool fit = is_fit(payload);
           counters_.live_unfit += !fit;
-          if (fit && payload.chain != self_ && payload.chain == message.sender) peers_[payload.chain].live = Live{payload};
+          if (fit && payload.chain != self_ && payload.chain == message.sender)
+            peers_[payload.chain].live = Live{payload};
         } else if constexpr (std::is_same_v<P, Request>) {
           repair_.on_request(store_, payload, now_s);
         } else {
@@ -354,7 +362,8 @@ bool SubmapManager<G>::map_due(double now_s) const {
 
 template <class G>
 bool SubmapManager<G>::exact_is_due(double now_s, bool news) const {
-  return !news || exact_takes_s_ <= params_.exact_share * params_.map_period_s || now_s >= exact_s_ + 20.0 * exact_takes_s_;
+  return !news || exact_takes_s_ <= params_.exact_share * params_.map_period_s ||
+         now_s >= exact_s_ + 20.0 * exact_takes_s_;
 }
 
 template <class G>
@@ -370,7 +379,8 @@ template <class G>
 std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
   if (!map_due(now_s)) return std::nullopt;
   map_s_ = now_s;
-  MapOrder<G> order{std::exchange(news_, {}), store_.revision(), exact_is_due(now_s, store_.revision() != ordered_revision_)};
+  MapOrder<G> order{std::exchange(news_, {}), store_.revision(),
+                    exact_is_due(now_s, store_.revision() != ordered_revision_)};
   ordered_revision_ = store_.revision();
   if (order.exact) exact_s_ = now_s;
   if (orders_given_) return order;
@@ -416,7 +426,8 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
   }
   if (map_.drift_alarms.count(chain) != 0) reasons |= reason_drift;
   if (!map_.map->aligned(chain) && map_.unsettled.count(chain) != 0) reasons |= reason_ambiguous;
-  if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0) reasons |= reason_impersonated;
+  if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0)
+    reasons |= reason_impersonated;
   if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
     reasons |= peer->second.live->said.reasons & reason_impersonated;  // nobody but the vehicle itself can know
   for (const auto& [id, peer] : peers_)
@@ -437,7 +448,8 @@ std::vector<VehicleState<G>> SubmapManager<G>::vehicles(double now_s) {
       if (live_) live = &*live_;
     } else if (const auto peer = peers_.find(id); peer != peers_.end()) {
       vehicle.heard_s = peer->second.heard_s;
-      if (peer->second.live && peer->second.live->said.state.stamp_s >= vehicle.slam.stamp_s) live = &*peer->second.live;
+      if (peer->second.live && peer->second.live->said.state.stamp_s >= vehicle.slam.stamp_s)
+        live = &*peer->second.live;
     } else {
       vehicle.heard_s = -1e300;
     }

@@ -26,11 +26,13 @@ struct SubmapManagerParams {
   RepairParams repair;
   SelectionParams selection;
   MapBackend backend = MapBackend::sparse;
-  double map_period_s = 1.0;   ///< between two rebuilds at least, > 0; nothing is done while no fact is new
-  /// Share of map_period_s that building the exact map may take, >= 0. Beyond it, what is new is worked into the last map at once,
-  /// and the exact one is built when nothing new has come for a period, or after twenty times what it takes.
+  double map_period_s = 1.0;  ///< between two rebuilds at least, > 0; nothing is done while no fact is new
+  /// Share of map_period_s that building the exact map may take, >= 0. Beyond it, what is new is worked into the last
+  /// map at once, and the exact one is built when nothing new has come for a period, or after twenty times what it
+  /// takes.
   double exact_share = 0.2;
-  double encounter_period_s = 2.0;  ///< between two encounters with the same vehicle at least, >= 0; the others are not sent
+  double encounter_period_s =
+      2.0;                     ///< between two encounters with the same vehicle at least, >= 0; the others are not sent
   double stale_peer_s = 15.0;  ///< a vehicle not heard of for longer is reported as stale, > 0
   std::uint64_t seed = 1;      ///< of the repair protocol's jitter
 };
@@ -63,9 +65,8 @@ struct SubmapManagerCounters {
 };
 
 template <class G>
-using AnyFact =
-    std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact, AbsoluteFixFact<G>,
-                 EncounterFact<G>, WaypointFact<G>>;
+using AnyFact = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact,
+                             AbsoluteFixFact<G>, EncounterFact<G>, WaypointFact<G>>;
 
 /// What it takes to build a map elsewhere.
 template <class G>
@@ -101,7 +102,8 @@ class SubmapManager {
   // ---- own facts, each stated once; indices are given here ----
   /// Opens the chain: the first anchor, and the static bias if the start is known. Call first, once. Throws ConfigError
   /// if the static bias is not finite or its covariance is none, or if `persistent` is out of range.
-  void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias, const PersistentDrift& persistent = {});
+  void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias,
+                  const PersistentDrift& persistent = {});
   /// A closing anchor with its batch; key and anchor of the landmarks are set here. What is not fit to be a fact (not
   /// finite, no covariance) is left out and counted, and takes no index. Returns the index of each landmark given.
   std::vector<std::optional<std::uint32_t>> publish_segment(const ChainState<G>& closing,
@@ -115,13 +117,14 @@ class SubmapManager {
   /// counted.
   bool publish_absolute_fix(const ChainState<G>& state, const typename G::Point& lever,
                             const typename G::Point& position, const typename G::PointCovariance& covariance);
-  /// This vehicle, when its SLAM was at `state`, saw the mark of vehicle `other` at `position` in its own body frame [m],
-  /// `covariance` [m^2]. False if it is not fit to be a fact.
+  /// This vehicle, when its SLAM was at `state`, saw the mark of vehicle `other` at `position` in its own body frame
+  /// [m], `covariance` [m^2]. False if it is not fit to be a fact.
   bool publish_encounter(const ChainState<G>& state, VehicleId other, const typename G::Point& position,
                          const typename G::PointCovariance& covariance);
   /// Encounters in which others saw this vehicle and that it has not answered yet, each handed out once. [key, stamp_s]
   std::vector<std::pair<Key, double>> take_unanswered() { return std::exchange(unanswered_, {}); }
-  /// Answers one: where the SLAM was then, and the mark that others see, body frame [m]. False if it is not fit to be a fact.
+  /// Answers one: where the SLAM was then, and the mark that others see, body frame [m]. False if it is not fit to be a
+  /// fact.
   bool publish_waypoint(const ChainState<G>& state, const Key& encounter, const typename G::Point& mark);
   /// Where this vehicle is now: `state`, `remembered` and `shared` are the caller's. Not a fact: only the last one
   /// counts. Landmarks that are not fit (not finite, no covariance, too many) are left out and counted.
@@ -189,14 +192,14 @@ class SubmapManager {
   GlobalMap<G> map_;
   MapDigests digests_;
   double exact_takes_s_ = 0.0, exact_s_ = -1e300;  // the last exact map: its cost, and when it was ordered
-  std::uint64_t map_revision_ = 0;      // of the facts in map_
-  std::uint64_t ordered_revision_ = 0;  // of the facts in map_ or in the last order
+  std::uint64_t map_revision_ = 0;                 // of the facts in map_
+  std::uint64_t ordered_revision_ = 0;             // of the facts in map_ or in the last order
   bool orders_given_ = false;
   std::vector<AnyFact<G>> news_;  // since the last order, if there was one
   double map_s_ = -1e300, digest_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};
   std::optional<Live> live_;
-  std::optional<double> fix_s_;  // stamp of the last absolute fix published
+  std::optional<double> fix_s_;              // stamp of the last absolute fix published
   std::map<VehicleId, double> encounter_s_;  // stamp of the last encounter published with each
   std::vector<std::pair<Key, double>> unanswered_;
   std::map<ChainId, Peer> peers_;

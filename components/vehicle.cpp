@@ -26,11 +26,13 @@ Vehicle<G>::~Vehicle() {
 template <class G>
 void Vehicle<G>::configure() {
   const std::lock_guard lock(mutex_);
-  if (state_ != State::unconfigured) throw ConfigError("vehicle: configure() needs the state unconfigured; shut down first");
+  if (state_ != State::unconfigured)
+    throw ConfigError("vehicle: configure() needs the state unconfigured; shut down first");
   auto folder = params_.state_folder.empty() ? nullptr : std::make_unique<StateFolder>(params_.state_folder);
   auto exchange = open_();
-  const auto [epoch, first] = folder ? folder->next_epoch(params_.fresh_epoch)
-                                     : StateFolder::NextEpoch{std::max(params_.fresh_epoch(), last_epoch_ + 1), last_epoch_ == 0};
+  const auto [epoch, first] =
+      folder ? folder->next_epoch(params_.fresh_epoch)
+             : StateFolder::NextEpoch{std::max(params_.fresh_epoch(), last_epoch_ + 1), last_epoch_ == 0};
   last_epoch_ = epoch;
   auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps, backend_);
   auto map_worker = std::make_unique<MapWorker<G>>(params_.submaps, manager->backend());
@@ -149,7 +151,8 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.map_digest = manager_->digests().map;
   s.selection_digest = manager_->digests().selection;
   s.facts_missing = store.missing_count();
-  s.settled = s.facts_missing == 0 && searches_left_ == 0 && manager_->map().exact && manager_->map().facts == s.facts_digest;
+  s.settled =
+      s.facts_missing == 0 && searches_left_ == 0 && manager_->map().exact && manager_->map().facts == s.facts_digest;
   for (const auto& [id, chain] : store.chains()) s.landmarks_known += chain.landmarks.size();
   s.landmarks_exported = front_end_component_->landmarks_exported();
   s.submaps = manager_->counters();

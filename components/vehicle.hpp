@@ -33,18 +33,18 @@ namespace convoy {
 /// What a vehicle needs besides its front end and its network.
 template <class G>
 struct VehicleParams {
-  VehicleId id = 0;                              ///< 1 or more, unique in the fleet
-  std::filesystem::path state_folder;            ///< keeps the last epoch and a lock (StateFolder); empty: neither
+  VehicleId id = 0;                    ///< 1 or more, unique in the fleet
+  std::filesystem::path state_folder;  ///< keeps the last epoch and a lock (StateFolder); empty: neither
   std::function<Epoch()> fresh_epoch = epoch_from_clock;  ///< an epoch that this vehicle id never used; a fixed number
                                                           ///< makes runs repeatable, and collides with other runs
-  std::optional<Estimate<G>> static_bias;        ///< where its first epoch starts in the common frame, if known
-  typename G::Point mark = G::Point::Zero();     ///< what other vehicles see of this one, body frame [m]
+  std::optional<Estimate<G>> static_bias;     ///< where its first epoch starts in the common frame, if known
+  typename G::Point mark = G::Point::Zero();  ///< what other vehicles see of this one, body frame [m]
   DriftParams<G> drift;
   AssociationParams association;
   SubmapManagerParams submaps;
-  double live_period_s = 1.0;                    ///< between two live poses, of the front end's time
-  double step_period_s = 0.02;                   ///< of the thread, wall time, (0, 60]
-  int searches_per_step = 8;                     ///< pairs of batches compared per step at most, >= 1
+  double live_period_s = 1.0;   ///< between two live poses, of the front end's time
+  double step_period_s = 0.02;  ///< of the thread, wall time, (0, 60]
+  int searches_per_step = 8;    ///< pairs of batches compared per step at most, >= 1
 };
 
 /// One look at everything, consistent in itself.
@@ -55,7 +55,7 @@ struct VehicleSnapshot {
   /// live_period_s of its own, or its last anchor).
   std::vector<VehicleState<G>> vehicles;
   Hash facts_digest = 0, map_digest = 0, selection_digest = 0;  ///< of a map, of the last exact one
-  bool settled = false;                   ///< nothing missing, nothing to search, and the map is exact and holds every fact
+  bool settled = false;  ///< nothing missing, nothing to search, and the map is exact and holds every fact
   std::uint64_t facts_missing = 0;
   std::uint64_t landmarks_known = 0;
   std::uint64_t landmarks_exported = 0;
@@ -81,7 +81,8 @@ class Vehicle {
   Vehicle& operator=(const Vehicle&) = delete;
 
   // Lifecycle, each step reversible; a call in the wrong state throws ConfigError and changes nothing.
-  void configure();   ///< unconfigured -> inactive: locks the state folder, a new epoch, the exchange opens, the chain begins
+  void
+  configure();  ///< unconfigured -> inactive: locks the state folder, a new epoch, the exchange opens, the chain begins
   void activate();    ///< inactive -> active: the thread starts
   void deactivate();  ///< active -> inactive: the thread stops; facts are kept, sensor input still counts
   void shutdown();    ///< any -> unconfigured: the exchange closes and the facts are gone
@@ -91,18 +92,19 @@ class Vehicle {
   /// Refused (false) while unconfigured.
   bool feed(const std::function<void()>& input);
 
-  /// A receiver of absolute positions said where its antenna (`lever`, body frame [m]) is now: `position`, east-north(-up)
-  /// of the fleet's datum [m], `covariance` [m^2]. From any thread, after the sensor input of the same moment. Refused
-  /// (false) while unconfigured, or if it is not fit to be a fact (not finite, no covariance). Any rate will do: one per
-  /// SelectionParams::fix_correlation_s is sent.
+  /// A receiver of absolute positions said where its antenna (`lever`, body frame [m]) is now: `position`,
+  /// east-north(-up) of the fleet's datum [m], `covariance` [m^2]. From any thread, after the sensor input of the same
+  /// moment. Refused (false) while unconfigured, or if it is not fit to be a fact (not finite, no covariance). Any rate
+  /// will do: one per SelectionParams::fix_correlation_s is sent.
   bool feed_absolute_fix(const typename G::Point& lever, const typename G::Point& position,
                          const typename G::PointCovariance& covariance);
 
-  /// This vehicle sees another one: its mark is at `position` in the body frame now [m], `covariance` [m^2]. From any thread,
-  /// after the sensor input of the same moment. The other one says where it was then, so the stamps of both front ends must be
-  /// of one clock. Refused (false) while unconfigured, or if it is not fit to be a fact. Any rate will do: one per
-  /// SubmapManagerParams::encounter_period_s and vehicle is sent.
-  bool feed_encounter(VehicleId other, const typename G::Point& position, const typename G::PointCovariance& covariance);
+  /// This vehicle sees another one: its mark is at `position` in the body frame now [m], `covariance` [m^2]. From any
+  /// thread, after the sensor input of the same moment. The other one says where it was then, so the stamps of both
+  /// front ends must be of one clock. Refused (false) while unconfigured, or if it is not fit to be a fact. Any rate
+  /// will do: one per SubmapManagerParams::encounter_period_s and vehicle is sent.
+  bool feed_encounter(VehicleId other, const typename G::Point& position,
+                      const typename G::PointCovariance& covariance);
 
   /// Throws ConfigError while unconfigured.
   VehicleSnapshot<G> snapshot();

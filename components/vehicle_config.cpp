@@ -211,7 +211,7 @@ void parse(const std::string& where, const char* text, double& value) {
 }
 
 template <class Integer>
-  requires std::is_integral_v<Integer>
+requires std::is_integral_v<Integer>
 void parse(const std::string& where, const char* text, Integer& value) {
   constexpr auto highest = static_cast<std::uint64_t>(std::numeric_limits<Integer>::max());
   std::uint64_t number = 0;
@@ -262,10 +262,7 @@ std::string text_of(double value) {
   return out.str();
 }
 template <class Integer>
-  requires std::is_integral_v<Integer>
-std::string text_of(Integer value) {
-  return std::to_string(value);
-}
+requires std::is_integral_v<Integer> std::string text_of(Integer value) { return std::to_string(value); }
 std::string text_of(bool value) { return value ? "true" : "false"; }
 std::string text_of(DriftModel model) { return model == DriftModel::local ? "local" : "literal"; }
 std::string text_of(MapBackend backend) { return backend == MapBackend::sparse ? "sparse" : "ekf"; }
@@ -302,7 +299,8 @@ class Lines {
 
 // Every attribute of `element` must be one that describe() knows for it.
 template <class Described>
-void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement& element, Described& target, Lines& lines) {
+void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement& element, Described& target,
+                  Lines& lines) {
   std::set<std::string> known;
   lines.put(element.Name(), element.GetLineNum());
   for (const auto* attribute = element.FirstAttribute(); attribute != nullptr; attribute = attribute->Next()) {
@@ -324,7 +322,8 @@ void read_element(const std::filesystem::path& file, const tinyxml2::XMLElement&
   }
   for (const auto* child = element.FirstChild(); child != nullptr; child = child->NextSibling())
     if (child->ToComment() == nullptr)
-      refuse(at(file, child->GetLineNum()), std::string("<") + element.Name() + "> holds attributes only; take out what stands in it");
+      refuse(at(file, child->GetLineNum()),
+             std::string("<") + element.Name() + "> holds attributes only; take out what stands in it");
 }
 
 std::filesystem::path beside(const std::filesystem::path& file, const std::filesystem::path& path) {
@@ -346,9 +345,11 @@ const tinyxml2::XMLElement& only_root(const std::filesystem::path& file, const t
   const tinyxml2::XMLElement* root = nullptr;
   for (const auto* node = document.FirstChild(); node != nullptr; node = node->NextSibling()) {
     if (node->ToComment() != nullptr || node->ToDeclaration() != nullptr) continue;
-    if (node->ToElement() == nullptr) refuse(at(file, node->GetLineNum()), "only <convoy version=\"1\"> may stand here; take this out");
+    if (node->ToElement() == nullptr)
+      refuse(at(file, node->GetLineNum()), "only <convoy version=\"1\"> may stand here; take this out");
     if (root != nullptr)
-      refuse(at(file, node->GetLineNum()), std::string("a second root <") + node->Value() + ">; one file is one vehicle, with one <convoy>");
+      refuse(at(file, node->GetLineNum()),
+             std::string("a second root <") + node->Value() + ">; one file is one vehicle, with one <convoy>");
     root = node->ToElement();
   }
   if (root == nullptr || std::strcmp(root->Name(), "convoy") != 0)
@@ -356,7 +357,8 @@ const tinyxml2::XMLElement& only_root(const std::filesystem::path& file, const t
   const char* version = nullptr;
   for (const auto* attribute = root->FirstAttribute(); attribute != nullptr; attribute = attribute->Next()) {
     if (std::strcmp(attribute->Name(), "version") != 0)
-      refuse(at(file, attribute->GetLineNum()), std::string("<convoy> has no entry '") + attribute->Name() + "'; it has: version");
+      refuse(at(file, attribute->GetLineNum()),
+             std::string("<convoy> has no entry '") + attribute->Name() + "'; it has: version");
     version = attribute->Value();
   }
   if (version == nullptr || std::strcmp(version, "1") != 0)
@@ -387,19 +389,23 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   demand(c.first_epoch < std::numeric_limits<Epoch>::max(), "vehicle", "first_epoch", "leave room for later ones");
   const auto& roster = v.submaps.limits.roster;
   const std::set<VehicleId> members(roster.begin(), roster.end());
-  demand(members.count(0) == 0 && members.size() == roster.size(), "vehicle", "roster", "name each vehicle once, by ids of 1 or more");
-  demand(roster.empty() || members.count(v.id) != 0, "vehicle", "roster", "name this vehicle, too: " + std::to_string(v.id));
+  demand(members.count(0) == 0 && members.size() == roster.size(), "vehicle", "roster",
+         "name each vehicle once, by ids of 1 or more");
+  demand(roster.empty() || members.count(v.id) != 0, "vehicle", "roster",
+         "name this vehicle, too: " + std::to_string(v.id));
 
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
   demand(c.dds.max_queued_messages >= 1, "dds", "max_queued_messages", "be 1 or more");
   above_zero(c.sensors.rate, "sensors", "rate");
-  demand(v.mark.cwiseAbs().maxCoeff() <= 100.0, "vehicle", "mark_x_m", "lie in -100..100 m, as mark_y_m: it is on the vehicle");
+  demand(v.mark.cwiseAbs().maxCoeff() <= 100.0, "vehicle", "mark_x_m",
+         "lie in -100..100 m, as mark_y_m: it is on the vehicle");
   demand(v.submaps.encounter_period_s >= 0.0, "map", "encounter_period_s", "be >= 0");
   for (int axis = 0; axis < G::Dim; ++axis)
     demand(std::abs(c.sensors.fix_lever[axis]) <= 100.0, "sensors",
            std::array{"fix_lever_x_m", "fix_lever_y_m", "fix_lever_z_m"}[static_cast<std::size_t>(axis)],
            "lie in -100..100 m: the antenna is on the vehicle");
-  demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s", "be >= 0; 0 is the moment at which the process starts");
+  demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s",
+         "be >= 0; 0 is the moment at which the process starts");
 
   above_zero(v.submaps.map_period_s, "map", "period_s");
   demand(v.submaps.exact_share >= 0.0, "map", "exact_share", "be >= 0; 0 builds the exact map when nothing new comes");
@@ -409,15 +415,17 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   confidence(v.submaps.selection.map_residual, "map", "map_residual");
   demand(v.submaps.selection.max_runner_up_share > 0.0 && v.submaps.selection.max_runner_up_share <= 1.0, "map",
          "max_runner_up_share", "lie in (0, 1]");
-  demand(v.submaps.selection.min_confirmed >= 1, "map", "min_confirmed", "be 1 or more; 1 trusts the first association");
+  demand(v.submaps.selection.min_confirmed >= 1, "map", "min_confirmed",
+         "be 1 or more; 1 trusts the first association");
   demand(v.submaps.selection.slack.scale >= 0.0, "map", "scale_slack", "be >= 0");
   demand(v.submaps.selection.slack.heading_rad_per_m >= 0.0, "map", "heading_slack_rad_per_m", "be >= 0");
   confidence(v.submaps.selection.fix_residual, "map", "fix_residual");
   demand(v.submaps.selection.fix_correlation_s >= 0.0, "map", "fix_correlation_s", "be >= 0");
-  demand(!v.submaps.selection.common_frame_is_enu || v.submaps.backend == MapBackend::sparse, "map", "common_frame_is_enu",
-         "be false beside backend=\"ekf\", which takes no absolute fixes");
+  demand(!v.submaps.selection.common_frame_is_enu || v.submaps.backend == MapBackend::sparse, "map",
+         "common_frame_is_enu", "be false beside backend=\"ekf\", which takes no absolute fixes");
   const VehicleId reference = v.submaps.selection.reference;
-  demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle", "be on the roster, or 0");
+  demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle",
+         "be on the roster, or 0");
 
   const RepairParams& r = v.submaps.repair;
   above_zero(r.digest_period_s, "repair", "digest_period_s");
@@ -450,7 +458,8 @@ void check_static_bias(const std::filesystem::path& file, const VehicleConfig<G>
   prior.covariance = c.vehicle.static_bias->covariance;
   if (const Insertion fit = FactStore<G>(c.vehicle.submaps.limits).check(prior); fit != Insertion::inserted)
     refuse(at(file, lines.of("static_bias")), std::string("<static_bias> cannot be told to the other vehicles (") +
-                                                  to_string(fit) + "); give a pose and standard deviations of a usual size");
+                                                  to_string(fit) +
+                                                  "); give a pose and standard deviations of a usual size");
 }
 
 void load_document(const std::filesystem::path& file, tinyxml2::XMLDocument& document) {
@@ -502,14 +511,16 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
     if (child->ToComment() != nullptr) continue;
     const int line = child->GetLineNum();
     const auto* element = child->ToElement();
-    if (element == nullptr) refuse(at(file, line), "<convoy> holds elements and comments only; take out the text in it");
+    if (element == nullptr)
+      refuse(at(file, line), "<convoy> holds elements and comments only; take out the text in it");
     const std::string name = element->Name();
     if (!elements.count(name)) {
       std::string allowed;
       for (const std::string& known : elements) allowed += (allowed.empty() ? "<" : ", <") + known + ">";
       refuse(at(file, line), "no such element <" + name + ">; there are: " + allowed);
     }
-    if (!seen.insert(name).second) refuse(at(file, line), "<" + name + "> stands here for the second time; put both into one");
+    if (!seen.insert(name).second)
+      refuse(at(file, line), "<" + name + "> stands here for the second time; put both into one");
     if (name == "fleet") continue;  // read above
     if (name == "static_bias") {
       StaticBias<G> bias;
@@ -531,8 +542,8 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
   config.dds.profile_file = beside(file, config.dds.profile_file).string();
   config.sensors.file = beside(file, config.sensors.file);
   config.vehicle.state_folder = beside(file, config.vehicle.state_folder);
-  config.output_folder = config.output_folder.empty() ? std::filesystem::absolute(file).parent_path()
-                                                      : beside(file, config.output_folder);
+  config.output_folder =
+      config.output_folder.empty() ? std::filesystem::absolute(file).parent_path() : beside(file, config.output_folder);
   return config;
 }
 

@@ -38,20 +38,20 @@ struct SensorLogConfig {
   /// (track, range_m, bearing_rad, elevation_rad), (east_m, north_m, up_m, sigma_m), (vehicle, range_m, bearing_rad,
   /// elevation_rad)
   std::filesystem::path file;
-  double rate = 1.0;            ///< replay speed, > 0; 1 is real time
-  double start_unix_s = 0.0;    ///< wall time of t_s = 0; 0: when the process starts
-  bool encounters = true;       ///< false: encounter rows are passed over
+  double rate = 1.0;                               ///< replay speed, > 0; 1 is real time
+  double start_unix_s = 0.0;                       ///< wall time of t_s = 0; 0: when the process starts
+  bool encounters = true;                          ///< false: encounter rows are passed over
   typename G::Point fix_lever = G::Point::Zero();  ///< the antenna in the body frame [m]
 };
 
 template <class G>
 struct VehicleConfig {
-  std::filesystem::path file;   ///< where it was read from
+  std::filesystem::path file;  ///< where it was read from
   VehicleParams<G> vehicle;
-  Epoch first_epoch = 0;        ///< of a fresh state folder; 0: by the clock, as it should be outside of trials
+  Epoch first_epoch = 0;  ///< of a fresh state folder; 0: by the clock, as it should be outside of trials
   RangeBearingEkfParams front_end;
   dds::DdsConfig dds;
-  Impairment impairment;        ///< of what is received, above the middleware; for trials
+  Impairment impairment;  ///< of what is received, above the middleware; for trials
   SensorLogConfig<G> sensors;
   std::filesystem::path output_folder;  ///< what a run writes; default: the folder of the file
 };

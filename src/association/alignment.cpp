@@ -107,10 +107,10 @@ double residual_chi2(const Alignment<G>& alignment, const LandmarkFact<G>& i, co
   return squared_mahalanobis(PairResidual<G>(alignment, i, j).r, residual_covariance(alignment, i, j));
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                        \
-  template std::optional<Alignment<G>> align(const Batch<G>&, const Batch<G>&, const std::vector<IndexPairing>&);    \
-  template typename G::PointCovariance residual_covariance(const Alignment<G>&, const LandmarkFact<G>&,                 \
-                                                           const LandmarkFact<G>&);                                  \
+#define CONVOY_INSTANTIATE(G)                                                                                     \
+  template std::optional<Alignment<G>> align(const Batch<G>&, const Batch<G>&, const std::vector<IndexPairing>&); \
+  template typename G::PointCovariance residual_covariance(const Alignment<G>&, const LandmarkFact<G>&,           \
+                                                           const LandmarkFact<G>&);                               \
   template double residual_chi2(const Alignment<G>&, const LandmarkFact<G>&, const LandmarkFact<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -56,10 +56,15 @@ class Associator {
  public:
   Associator(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
              const AssociationParams& params)
-      : a_(a), b_(b), prior_(prior), params_(params),
+      : a_(a),
+        b_(b),
+        prior_(prior),
+        params_(params),
         compatibility_(a.anchor.chain == b.anchor.chain ? params.constraints.loop : params.constraints.compatibility),
-        table_a_(a), table_b_(b),
-        binary_(table_a_, table_b_, params.constraints), gate_chi2_(chi2_quantile(params.pairing, G::Dim)),
+        table_a_(a),
+        table_b_(b),
+        binary_(table_a_, table_b_, params.constraints),
+        gate_chi2_(chi2_quantile(params.pairing, G::Dim)),
         doubt_chi2_(chi2_quantile(params.residual, G::Dim)) {}
 
   AssociationResult<G> run() {
@@ -145,8 +150,8 @@ class Associator {
     return kept;
   }
 
-  // A neighbourhood may be shifted as a whole, so alternatives are looked for with what lies farther away. If one is not
-  // paired otherwise, nothing tells it from p; if it is, exchanging the two must be much worse than leaving them.
+  // A neighbourhood may be shifted as a whole, so alternatives are looked for with what lies farther away. If one is
+  // not paired otherwise, nothing tells it from p; if it is, exchanging the two must be much worse than leaving them.
   bool doubtful(const Alignment<G>& alignment, const std::vector<IndexPairing>& pairings, const IndexPairing& p) const {
     std::vector<IndexPairing> far;
     for (const IndexPairing& q : pairings)
@@ -157,7 +162,8 @@ class Associator {
     const auto confusable = [&](int i, int j) { return residual_chi2(*outside, in_a(i), in_b(j)) < doubt_chi2_; };
     const auto fit = [&](int i, int j) { return residual_chi2(alignment, in_a(i), in_b(j)); };
     std::vector<bool> paired_a(a_.landmarks.size(), false), paired_b(b_.landmarks.size(), false);
-    for (const auto& [i, j] : pairings) paired_a[static_cast<std::size_t>(i)] = paired_b[static_cast<std::size_t>(j)] = true;
+    for (const auto& [i, j] : pairings)
+      paired_a[static_cast<std::size_t>(i)] = paired_b[static_cast<std::size_t>(j)] = true;
     for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
       if (!paired_a[static_cast<std::size_t>(i)] && confusable(i, p.second)) return true;
     for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
@@ -237,13 +243,13 @@ class Associator {
   // The best alignment made of pairings that disagree with ours: a rival if it comes near ours, or is no chance.
   void find_runner_up(const CompatibilityGraph& graph) {
     const double apart = chi2_quantile(0.9999, G::Dim);
-    const CompatibilityGraph rest = graph.without([&](const IndexPairing& p) {
-      return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < apart;
-    });
+    const CompatibilityGraph rest = graph.without(
+        [&](const IndexPairing& p) { return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < apart; });
     const SearchResult second = gcbb(rest, params_.max_nodes);
     has_rival_ = second.cut_off;  // not known: nothing may be assumed
     Associator other(a_, b_, prior_, params_);
-    const bool aligned = static_cast<int>(second.pairings.size()) >= params_.min_pairings && other.settle(second.pairings);
+    const bool aligned =
+        static_cast<int>(second.pairings.size()) >= params_.min_pairings && other.settle(second.pairings);
     if (second.cut_off || !aligned || !other.fits_prior()) return;
     result_.runner_up = other.result_.support;
     has_rival_ = result_.runner_up > params_.max_runner_up_share * result_.support ||
@@ -268,8 +274,8 @@ class Associator {
 
 void validate(const AssociationParams& p) {
   const auto share = [](double x) { return x > 0.0 && x < 1.0; };
-  if (!share(p.constraints.compatibility) || !share(p.constraints.loop) || !share(p.constraints.distance) || !share(p.residual) ||
-      !share(p.pairing) || !share(p.separation))
+  if (!share(p.constraints.compatibility) || !share(p.constraints.loop) || !share(p.constraints.distance) ||
+      !share(p.residual) || !share(p.pairing) || !share(p.separation))
     throw ConfigError("association: confidences must lie in (0, 1)");
   if (!(p.constraints.min_distance_m >= 0.0)) throw ConfigError("association: min_distance_m must be >= 0");
   if (p.min_pairings < 3) throw ConfigError("association: min_pairings must be >= 3; two pairs align with anything");
@@ -323,10 +329,10 @@ AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::
   return Associator<G>(a, b, prior, params).run();
 }
 
-#define CONVOY_INSTANTIATE(G)                                                               \
-  template struct AssociationResult<G>;                                                     \
-  template AssociationResult<G> associate(const Batch<G>&, const Batch<G>&,                 \
-                                          const std::optional<RelativePrior<G>>&, const AssociationParams&);
+#define CONVOY_INSTANTIATE(G)                                                                                       \
+  template struct AssociationResult<G>;                                                                             \
+  template AssociationResult<G> associate(const Batch<G>&, const Batch<G>&, const std::optional<RelativePrior<G>>&, \
+                                          const AssociationParams&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -14,16 +14,17 @@ namespace convoy {
 
 struct AssociationParams {
   ConstraintParams constraints;
-  bool literal_search = false;         ///< Fig. 5 as written instead of the bit-parallel search; same result, slower
-  std::uint64_t max_nodes = 200'000;   ///< search tree nodes; beyond, the answer is "none"
-  int min_pairings = 5;                ///< fewer never decide anything
-  double residual = 0.99;              ///< chi-square confidence of the aligned set
-  double pairing = 0.9;                ///< chi-square confidence within which two landmarks agree with an alignment
-  double separation = 0.999;           ///< a pairing is left out unless exchanging its partner is this much worse
-  double max_false_alarms = 1e-5;      ///< expected number of alignments as good by chance, at the local density
+  bool literal_search = false;        ///< Fig. 5 as written instead of the bit-parallel search; same result, slower
+  std::uint64_t max_nodes = 200'000;  ///< search tree nodes; beyond, the answer is "none"
+  int min_pairings = 5;               ///< fewer never decide anything
+  double residual = 0.99;             ///< chi-square confidence of the aligned set
+  double pairing = 0.9;               ///< chi-square confidence within which two landmarks agree with an alignment
+  double separation = 0.999;          ///< a pairing is left out unless exchanging its partner is this much worse
+  double max_false_alarms = 1e-5;     ///< expected number of alignments as good by chance, at the local density
   // A second, incompatible alignment makes the first one ambiguous if ...
-  double max_runner_up_share = 0.7;    ///< ... it has more than this share of the first one's support, or
-  double min_runner_up_false_alarms = 1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
+  double max_runner_up_share = 0.7;  ///< ... it has more than this share of the first one's support, or
+  double min_runner_up_false_alarms =
+      1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -35,13 +36,13 @@ const char* to_string(Decision decision);
 /// Why nothing was accepted.
 enum class Rejection : std::uint8_t {
   not_rejected,
-  too_few_candidates,   ///< the unary constraint left too few pairs
-  too_few_pairings,     ///< the largest set is too small
-  search_cut_off,       ///< node budget
-  geometry,             ///< the pairs do not align within their covariances
-  prior,                ///< they align, but not where the static bias and the drift allow
-  chance,               ///< such a set is to be expected by chance
-  runner_up,            ///< another place fits nearly as well
+  too_few_candidates,  ///< the unary constraint left too few pairs
+  too_few_pairings,    ///< the largest set is too small
+  search_cut_off,      ///< node budget
+  geometry,            ///< the pairs do not align within their covariances
+  prior,               ///< they align, but not where the static bias and the drift allow
+  chance,              ///< such a set is to be expected by chance
+  runner_up,           ///< another place fits nearly as well
 };
 inline constexpr int rejection_count = 8;
 const char* to_string(Rejection rejection);
@@ -50,18 +51,18 @@ template <class G>
 struct AssociationResult {
   Decision decision = Decision::none;
   Rejection rejection = Rejection::not_rejected;
-  std::vector<Pairing> pairings;     ///< canonical; the best set also when it was not accepted
+  std::vector<Pairing> pairings;            ///< canonical; the best set also when it was not accepted
   std::vector<Pairing> runner_up_pairings;  ///< canonical; if ambiguous, the best set elsewhere
-  Alignment<G> alignment;            ///< T_a_b of that set
-  int support = 0;                   ///< number of pairings
-  int runner_up = 0;                 ///< support of the best alignment elsewhere
+  Alignment<G> alignment;                   ///< T_a_b of that set
+  int support = 0;                          ///< number of pairings
+  int runner_up = 0;                        ///< support of the best alignment elsewhere
   double expected_false_alarms = 0;
-  std::size_t candidates = 0;        ///< pairs that passed the unary constraint
-  std::uint64_t compatible = 0;      ///< pairs of pairs that passed the binary constraint
+  std::size_t candidates = 0;    ///< pairs that passed the unary constraint
+  std::uint64_t compatible = 0;  ///< pairs of pairs that passed the binary constraint
   std::uint64_t nodes = 0;
 
-  /// What is to be stated as facts: the accepted set; if ambiguous both, since which of the two is right may follow from
-  /// what other batches say, and that this place has a double is itself worth knowing.
+  /// What is to be stated as facts: the accepted set; if ambiguous both, since which of the two is right may follow
+  /// from what other batches say, and that this place has a double is itself worth knowing.
   std::vector<std::vector<Pairing>> statements() const;
 };
 

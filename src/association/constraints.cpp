@@ -11,8 +11,8 @@
 namespace convoy {
 namespace {
 
-// Effect of a wrong scale and of a turning gyro on the end of a motion, right perturbation: A_k of DESIGN B1.3, which takes
-// the way for straight. A way that comes back has its end moved by up to half of what a straight one would have.
+// Effect of a wrong scale and of a turning gyro on the end of a motion, right perturbation: A_k of DESIGN B1.3, which
+// takes the way for straight. A way that comes back has its end moved by up to half of what a straight one would have.
 template <class G>
 typename G::Covariance slack_covariance(const G& motion, double length_m, const DriftSlack& slack) {
   constexpr int Rot = G::Dof - G::Dim;
@@ -32,7 +32,8 @@ typename G::Covariance slack_covariance(const G& motion, double length_m, const 
     C += by_heading * by_heading.transpose();
   }
   const double turn = slack.heading_rad_per_m * length_m;
-  C.diagonal().template head<G::Dim>().array() += turn * turn * std::max(0.0, length_m * length_m - t.squaredNorm()) / 16.0;
+  C.diagonal().template head<G::Dim>().array() +=
+      turn * turn * std::max(0.0, length_m * length_m - t.squaredNorm()) / 16.0;
   return C;
 }
 
@@ -72,8 +73,9 @@ std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const 
   if (a.chain == b.chain) {
     const bool forward = a.index <= b.index;
     const PriorFact<G>* prior = store.prior(a.chain);
-    const Increment<G> drift = slack_increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state,
-                                               prior != nullptr ? prior->persistent : PersistentDrift{}, slack);
+    const Increment<G> drift =
+        slack_increment(store.anchor(forward ? a : b)->state, store.anchor(forward ? b : a)->state,
+                        prior != nullptr ? prior->persistent : PersistentDrift{}, slack);
     if (forward) return RelativePrior<G>{drift.motion, drift.covariance};
     const typename G::Adjoint Ad = drift.motion.adjoint();  // (U Exp(e))^-1 = U^-1 Exp(-Ad_U e)
     return RelativePrior<G>{drift.motion.inverse(), Ad * drift.covariance * Ad.transpose()};
@@ -137,12 +139,12 @@ bool DistanceCompatibility::operator()(int i1, int j1, int i2, int j2) const {
   return difference * difference < threshold_ * (a_.variance(i1, i2) + b_.variance(j1, j2));
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                  \
-  template std::optional<RelativePrior<G>> relative_prior(const FactStore<G>&, const Key&, const Key&,         \
-                                                           const DriftSlack&);                                 \
-  template bool complete(const FactStore<G>&, const Key&);                                                     \
-  template Batch<G> batch_of(const FactStore<G>&, const Key&);                                                 \
-  template class IndividualCompatibility<G>;                                                                   \
+#define CONVOY_INSTANTIATE(G)                                                                          \
+  template std::optional<RelativePrior<G>> relative_prior(const FactStore<G>&, const Key&, const Key&, \
+                                                          const DriftSlack&);                          \
+  template bool complete(const FactStore<G>&, const Key&);                                             \
+  template Batch<G> batch_of(const FactStore<G>&, const Key&);                                         \
+  template class IndividualCompatibility<G>;                                                           \
   template DistanceTable::DistanceTable(const Batch<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -1,8 +1,8 @@
 // Constraints of the association (paper, Section IV), apart from the search that uses them.
 //
-// Two batches are compared: landmarks i of batch a, landmarks j of batch b, each in the frame of its own anchor. What is
-// known beforehand of the relative pose of the anchors comes from the static biases and the drift alone, never from the
-// fused map, so that anyone who holds the facts finds the same associations.
+// Two batches are compared: landmarks i of batch a, landmarks j of batch b, each in the frame of its own anchor. What
+// is known beforehand of the relative pose of the anchors comes from the static biases and the drift alone, never from
+// the fused map, so that anyone who holds the facts finds the same associations.
 #pragma once
 
 #include <convoy/submap/fact_store.hpp>
@@ -14,11 +14,11 @@
 namespace convoy {
 
 struct ConstraintParams {
-  double compatibility = 0.9999; ///< chi-square confidence of eq. 5 between vehicles (the paper: 0.95). A start beyond it is
-                                 ///< never found, and what looks the same within it would be taken instead
-  double loop = 0.99;            ///< the same within a chain, where drift leaves little room for that
-  double distance = 0.99;        ///< confidence that two distances are the same, 1 dof, from both covariances
-  double min_distance_m = 0.3;   ///< pairs closer than this say nothing about geometry and are not compared
+  double compatibility = 0.9999;  ///< chi-square confidence of eq. 5 between vehicles (the paper: 0.95). A start beyond
+                                  ///< it is never found, and what looks the same within it would be taken instead
+  double loop = 0.99;           ///< the same within a chain, where drift leaves little room for that
+  double distance = 0.99;       ///< confidence that two distances are the same, 1 dof, from both covariances
+  double min_distance_m = 0.3;  ///< pairs closer than this say nothing about geometry and are not compared
 };
 
 /// The landmarks of one anchor, in index order.
@@ -35,11 +35,11 @@ struct RelativePrior {
   typename G::Covariance covariance = G::Covariance::Zero();
 };
 
-/// Standard deviations of persistent errors that the drift of an anchor does not state (DESIGN B1.3), for tests that must
-/// not take them for a false association.
+/// Standard deviations of persistent errors that the drift of an anchor does not state (DESIGN B1.3), for tests that
+/// must not take them for a false association.
 struct DriftSlack {
-  double scale = 0.0;                ///< of the odometer
-  double heading_rad_per_m = 0.0;    ///< of the gyro, per metre driven; in space about every axis
+  double scale = 0.0;              ///< of the odometer
+  double heading_rad_per_m = 0.0;  ///< of the gyro, per metre driven; in space about every axis
 };
 
 /// What the facts of the two chains say about T_a_b before any association: the drift chain within one chain, both

@@ -170,9 +170,8 @@ CompatibilityGraph::CompatibilityGraph(std::vector<IndexPairing> candidates)
       words_((candidates_.size() + 63) / 64),
       bits_(candidates_.size() * words_, 0) {}
 
-CompatibilityGraph::CompatibilityGraph(
-    std::vector<IndexPairing> candidates,
-    const std::function<bool(const IndexPairing&, const IndexPairing&)>& compatible)
+CompatibilityGraph::CompatibilityGraph(std::vector<IndexPairing> candidates,
+                                       const std::function<bool(const IndexPairing&, const IndexPairing&)>& compatible)
     : CompatibilityGraph(std::move(candidates)) {
   for (std::size_t v = 0; v < size(); ++v)
     for (std::size_t w = v + 1; w < size(); ++w)

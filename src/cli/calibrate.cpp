@@ -315,7 +315,8 @@ class Calibrator {
     const bool safe = gamma.known && gamma.low <= 1.0 && 1.0 <= gamma.high;
     result_.with_constants = fit_variances(groups_, {.constants = true});
     const bool constants = result_.constants_found();
-    result_.given = safe || constants ? fit_variances(groups_, {.constants = constants, .hold_gamma = safe}) : result_.fit;
+    result_.given =
+        safe || constants ? fit_variances(groups_, {.constants = constants, .hold_gamma = safe}) : result_.fit;
     result_.lag1 = lag1_correlation(groups_, result_.fit.theta());
     return std::move(result_);
   }
@@ -422,7 +423,8 @@ std::string drift_fragment(const CalibrationResult& r) {
           number(safe_value(r.given[VariancePart::rotation])) + "\"";
   if (r.constants_found()) {
     const auto sigma = [&](VariancePart part) { return number(std::min(1.0, std::sqrt(safe_value(r.given[part])))); };
-    text += " scale_sigma=\"" + sigma(VariancePart::scale) + "\" heading_sigma_rad_per_m=\"" + sigma(VariancePart::heading) + "\"";
+    text += " scale_sigma=\"" + sigma(VariancePart::scale) + "\" heading_sigma_rad_per_m=\"" +
+            sigma(VariancePart::heading) + "\"";
   }
   if (r.landmark_inflation.known)
     text += " landmark_inflation=\"" + number(std::max(1.0, r.landmark_inflation.value)) + "\"";
@@ -438,7 +440,8 @@ std::string calibration_text(const CalibrationResult& r) {
        r.by_truth ? std::to_string(r.fit.residuals / 3) + " spans of " + short_number(r.span_m) + " m or more, " +
                         std::to_string(r.drives.size()) + " drives"
                   : std::to_string(r.closures) + " accepted closures, " + std::to_string(r.drives.size()) + " drives");
-  line("", "best value  [95 % interval]; the element takes what is not told from zero at its upper end, and gamma as 1");
+  line("",
+       "best value  [95 % interval]; the element takes what is not told from zero at its upper end, and gamma as 1");
   line("", "as long as its interval holds 1");
   line("gamma", with_interval(r.fit[VariancePart::gamma]));
   line("rate of x, y [m^2/m]", with_interval(r.fit[VariancePart::translation]));

@@ -36,7 +36,8 @@ struct CalibrationResult {
   std::size_t closures = 0;  ///< used as evidence, without truth
   VarianceFit fit;           ///< without constants
   /// What a vehicle is to be given: as `fit`, but gamma = 1, the safe default, as long as the interval of gamma holds 1
-  /// (SLAM and unknown drift grow alike, so that few drives can only tell their sum), and with the constants if they are there.
+  /// (SLAM and unknown drift grow alike, so that few drives can only tell their sum), and with the constants if they
+  /// are there.
   VarianceFit given;
   VarianceFit with_constants;
   /// The constants explain what chance would in one case of twenty only.

@@ -62,9 +62,10 @@ void tune_for_street(VehicleConfig<G>& c) {
   c.front_end.sigma_heading_per_sqrt_m = 0.008;
 }
 
-// Noise and scales: calibrated on the landmark truth of MR.CLAM set 1 (geometry of batches: chi-square 1.03 per degree of
-// freedom with segments of 10 m and 12 landmarks, 1.19 with those below). Segments: chosen looking at set 6, so results on
-// set 6 are not those of an unseen set. Neighbouring images share their errors, hence the interval between sightings.
+// Noise and scales: calibrated on the landmark truth of MR.CLAM set 1 (geometry of batches: chi-square 1.03 per degree
+// of freedom with segments of 10 m and 12 landmarks, 1.19 with those below). Segments: chosen looking at set 6, so
+// results on set 6 are not those of an unseen set. Neighbouring images share their errors, hence the interval between
+// sightings.
 void tune_for_mrclam(VehicleConfig<SE2>& c) {
   RangeBearingEkfParams& f = c.front_end;
   f.distance_scale = 0.97;
@@ -83,7 +84,8 @@ void tune_for_mrclam(VehicleConfig<SE2>& c) {
   f.min_batch = 13;
   f.max_segment_length_m = 60.0;
   f.trail_spacing_m = 0.3;
-  c.vehicle.drift.rate = {1e-4, 1e-4, 1e-6};  // small robots on a floor, by their commanded velocities: wider than the default
+  c.vehicle.drift.rate = {1e-4, 1e-4,
+                          1e-6};  // small robots on a floor, by their commanded velocities: wider than the default
 }
 
 template <class G>
@@ -109,7 +111,7 @@ struct Member {
   VehicleId id = 0;
   fs::path config;
   std::unique_ptr<ChildProcess> process;
-  json status;       // its last status line
+  json status;                // its last status line
   double heard_unix_s = 0.0;  // when that came, or when the process was started
   bool silent = false;
   bool told_silent = false;
@@ -173,7 +175,8 @@ class Demo {
 
   fs::path profile_file() const {
     if (!options_.profile.empty()) return options_.profile;
-    for (const fs::path& folder : {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
+    for (const fs::path& folder :
+         {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
       if (fs::exists(folder / "loopback.xml")) return folder / "loopback.xml";
     throw ConfigError("demo: loopback.xml not found; name it with --profile");
   }
@@ -244,8 +247,7 @@ class Demo {
 
   void start(Member& member) {
     member.process = std::make_unique<ChildProcess>(
-        std::vector<std::string>{this_program().string(), "vehicle", member.config.string()},
-        log_of(member));
+        std::vector<std::string>{this_program().string(), "vehicle", member.config.string()}, log_of(member));
     member.status = json::object();
     member.heard_unix_s = unix_now_s();
   }
@@ -266,15 +268,17 @@ class Demo {
         next_progress_s = now_s + (isatty(STDOUT_FILENO) ? 0.5 : 5.0);
       }
       if (alive() == 0) return;
-      if (!all_alive([](const json& s) { return s.value("exhausted", false); })) exhausted_since_s = agreed_since_s = 0.0;
+      if (!all_alive([](const json& s) { return s.value("exhausted", false); }))
+        exhausted_since_s = agreed_since_s = 0.0;
       else if (exhausted_since_s == 0.0) exhausted_since_s = now_s;
       if (!agreed()) agreed_since_s = 0.0;
       else if (agreed_since_s == 0.0) agreed_since_s = now_s;
       if (agreed_since_s > 0.0 && now_s - agreed_since_s > 1.0) break;
       if (exhausted_since_s > 0.0 && now_s - exhausted_since_s > options_.settle_timeout_s) {
         settled_ = false;
-        std::printf("\n      the vehicles do not hold the same facts %.0f s after the sensors ended; stopping all the same\n",
-                    options_.settle_timeout_s);
+        std::printf(
+            "\n      the vehicles do not hold the same facts %.0f s after the sensors ended; stopping all the same\n",
+            options_.settle_timeout_s);
         break;
       }
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
@@ -297,7 +301,8 @@ class Demo {
     member.lost = true;
     std::printf("\n      vehicle %u is gone (%s); %s\n", member.id, member.process->ended()->c_str(),
                 others_run(member) ? "the others go on and keep its submap" : "none is left");
-    if (const std::string why = last_error(log_of(member)); !why.empty()) std::printf("      it says: %s\n", why.c_str());
+    if (const std::string why = last_error(log_of(member)); !why.empty())
+      std::printf("      it says: %s\n", why.c_str());
     std::fflush(stdout);
     if (!options_.restart_lost || member.restarted) return;
     std::printf("      vehicle %u starts again, in a new epoch\n", member.id);
@@ -316,7 +321,8 @@ class Demo {
     const json reasons = member.status.value("reasons", json::array());
     if (member.impersonated || std::find(reasons.begin(), reasons.end(), "impersonated") == reasons.end()) return;
     member.impersonated = true;
-    std::printf("\n      vehicle %u is SUSPECT: somebody else speaks under its id on DDS domain %u\n", member.id, domain_);
+    std::printf("\n      vehicle %u is SUSPECT: somebody else speaks under its id on DDS domain %u\n", member.id,
+                domain_);
     std::fflush(stdout);
   }
 
@@ -331,11 +337,13 @@ class Demo {
   }
 
   std::size_t alive() const {
-    return static_cast<std::size_t>(std::count_if(members_.begin(), members_.end(), [](const Member& m) { return !m.lost; }));
+    return static_cast<std::size_t>(
+        std::count_if(members_.begin(), members_.end(), [](const Member& m) { return !m.lost; }));
   }
   template <class Predicate>
   bool all_alive(Predicate predicate) const {
-    return std::all_of(members_.begin(), members_.end(), [&](const Member& m) { return m.lost || predicate(m.status); });
+    return std::all_of(members_.begin(), members_.end(),
+                       [&](const Member& m) { return m.lost || predicate(m.status); });
   }
   // Sensors ended, nothing missing, and everybody alive holds the same facts and the same map.
   bool agreed() const {
@@ -371,8 +379,7 @@ class Demo {
     for (Member& member : members_) {
       if (!member.lost && (!member.process->wait(30.0) || !member.process->succeeded())) {
         std::printf("      vehicle %u did not end well (%s); see %s\n", member.id,
-                    member.process->ended().value_or("no answer to SIGTERM").c_str(),
-                    log_of(member).c_str());
+                    member.process->ended().value_or("no answer to SIGTERM").c_str(), log_of(member).c_str());
         member.lost = true;
       }
       if (member.lost) lost.push_back(member.id);
@@ -401,7 +408,8 @@ class Demo {
     write_evaluation(run, evaluation);
     write_report(run, evaluation);
     std::printf("\n%s\n\nReport:  %s\nMetrics: %s\n", headline(run, evaluation.metrics).c_str(),
-                fs::absolute(options_.out / "report.html").c_str(), fs::absolute(options_.out / "metrics.json").c_str());
+                fs::absolute(options_.out / "report.html").c_str(),
+                fs::absolute(options_.out / "metrics.json").c_str());
     const bool alone = std::none_of(members_.begin(), members_.end(), [](const Member& m) { return m.impersonated; });
     return alive() > 0 && settled_ && alone && evaluation.metrics.at("map_digests_equal") == json(true) ? 0 : 1;
   }

@@ -12,25 +12,26 @@
 namespace convoy::cli {
 
 struct DemoOptions {
-  std::filesystem::path out;             ///< run folder; must not hold a run yet
-  std::string dataset;                   ///< "" (the street), or "mrclam"
+  std::filesystem::path out;  ///< run folder; must not hold a run yet
+  std::string dataset;        ///< "" (the street), or "mrclam"
   std::filesystem::path dataset_folder;
-  bool space = false;                    ///< the street climbs and falls, and everything is SE(3)
-  std::uint64_t seed = 1;                ///< of the street
-  double rate = 10.0;                    ///< vehicle seconds per second, > 0
-  std::string impair;                    ///< Impairment::parse; on what every vehicle receives
-  bool literal = false;                  ///< the paper's own method: literal drift, EKF map, Fig. 5 search
-  bool encounters = false;               ///< vehicles that see each other say so (the paper's do not)
-  bool restart_lost = false;             ///< start a vehicle whose process died again, once
-  double settle_timeout_s = 60.0;        ///< wall time the fleet gets to agree after its sensors have ended
-  std::optional<std::uint32_t> domain;   ///< DDS domain; default: by process id, one where no other fleet is heard
+  bool space = false;                   ///< the street climbs and falls, and everything is SE(3)
+  std::uint64_t seed = 1;               ///< of the street
+  double rate = 10.0;                   ///< vehicle seconds per second, > 0
+  std::string impair;                   ///< Impairment::parse; on what every vehicle receives
+  bool literal = false;                 ///< the paper's own method: literal drift, EKF map, Fig. 5 search
+  bool encounters = false;              ///< vehicles that see each other say so (the paper's do not)
+  bool restart_lost = false;            ///< start a vehicle whose process died again, once
+  double settle_timeout_s = 60.0;       ///< wall time the fleet gets to agree after its sensors have ended
+  std::optional<std::uint32_t> domain;  ///< DDS domain; default: by process id, one where no other fleet is heard
   /// Of every vehicle. The same each time, so that two runs can be compared to the bit: a demo keeps off other fleets'
   /// domains, so it needs no epoch of its own. 0: by the clock, as `convoy vehicle` does.
   Epoch first_epoch = 1;
-  std::filesystem::path profile;         ///< XML profile; default: the loopback profile that comes with convoy
+  std::filesystem::path profile;  ///< XML profile; default: the loopback profile that comes with convoy
 };
 
-/// Runs it all and prints progress. Returns 0 if the vehicles that lived hold the same map in the end. Throws ConfigError.
+/// Runs it all and prints progress. Returns 0 if the vehicles that lived hold the same map in the end. Throws
+/// ConfigError.
 int run_demo(const DemoOptions& options);
 
 }  // namespace convoy::cli

@@ -2,14 +2,14 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/groups.hpp>
 
-#include <CLI/CLI.hpp>
 #include <spdlog/sinks/stdout_sinks.h>
 #include <spdlog/spdlog.h>
+#include <CLI/CLI.hpp>
 
 #include <cstdio>
 
-#include "consistency/suite.hpp"
 #include "calibrate.hpp"
+#include "consistency/suite.hpp"
 #include "demo.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
@@ -33,15 +33,22 @@ int main(int argc, char** argv) {
   demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam")->expected(2);
   demo_command->add_flag("--space", demo.space, "a street that climbs and falls, in three dimensions");
   demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)");
-  demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")->check(CLI::Range(0.01, 1000.0));
-  demo_command->add_option("--impair", demo.impair, "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
+  demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
+      ->check(CLI::Range(0.01, 1000.0));
+  demo_command->add_option("--impair", demo.impair,
+                           "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
-  demo_command->add_flag("--encounters", demo.encounters, "use what the vehicles see of each other (mrclam), beside landmarks");
+  demo_command->add_flag("--encounters", demo.encounters,
+                         "use what the vehicles see of each other (mrclam), beside landmarks");
   demo_command->add_flag("--restart-lost", demo.restart_lost, "start a vehicle whose process died again, once");
-  demo_command->add_option("--settle-timeout", demo.settle_timeout_s, "seconds to agree after the sensors end (default: 60)");
-  demo_command->add_option("--domain", demo.domain, "DDS domain 0..232 (default: a free one)")->check(CLI::Range(0, 232));
-  demo_command->add_option("--first-epoch", demo.first_epoch, "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock");
-  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")->check(CLI::ExistingFile);
+  demo_command->add_option("--settle-timeout", demo.settle_timeout_s,
+                           "seconds to agree after the sensors end (default: 60)");
+  demo_command->add_option("--domain", demo.domain, "DDS domain 0..232 (default: a free one)")
+      ->check(CLI::Range(0, 232));
+  demo_command->add_option("--first-epoch", demo.first_epoch,
+                           "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock");
+  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")
+      ->check(CLI::ExistingFile);
   demo_command->callback([&] {
     if (!dataset.empty()) {
       demo.dataset = dataset[0];
@@ -54,8 +61,10 @@ int main(int argc, char** argv) {
   cli::VehicleRunOptions vehicle;
   auto* vehicle_command = app.add_subcommand("vehicle", "Run one vehicle until SIGINT or SIGTERM");
   vehicle_command->add_option("config", config, "its XML configuration")->required();
-  vehicle_command->add_flag("--until-end", vehicle.until_end, "end when the sensor log has ended and all facts are settled");
-  vehicle_command->add_option("--status-period", vehicle.status_period_s, "seconds between status lines (default: 0.25)")
+  vehicle_command->add_flag("--until-end", vehicle.until_end,
+                            "end when the sensor log has ended and all facts are settled");
+  vehicle_command
+      ->add_option("--status-period", vehicle.status_period_s, "seconds between status lines (default: 0.25)")
       ->check(CLI::PositiveNumber);
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
   vehicle_command->add_option("--out", vehicle.out, "folder for what it writes (default: the configuration's)");
@@ -79,10 +88,12 @@ int main(int argc, char** argv) {
   });
 
   cli::CalibrateOptions calibrate;
-  auto* calibrate_command = app.add_subcommand("calibrate", "Learn the drift noise from runs: intervals and a <drift/> element");
+  auto* calibrate_command =
+      app.add_subcommand("calibrate", "Learn the drift noise from runs: intervals and a <drift/> element");
   calibrate_command->add_option("runs", calibrate.runs, "run folders of convoy demo")->required();
   calibrate_command->add_option("--out", calibrate.out, "XML file to write the <drift/> element to");
-  calibrate_command->add_option("--by", calibrate.by, "truth, closures, or auto: truth if every run has it (default: auto)")
+  calibrate_command
+      ->add_option("--by", calibrate.by, "truth, closures, or auto: truth if every run has it (default: auto)")
       ->check(CLI::IsMember({"auto", "truth", "closures"}));
   calibrate_command->add_option("--span", calibrate.span_m, "metres of a span against the truth (default: 80)");
   calibrate_command->callback([&] {
@@ -96,17 +107,23 @@ int main(int argc, char** argv) {
   auto* solve_command = app.add_subcommand("solve", "Solve a pose graph: solve.json and solved.g2o");
   solve_command->add_option("graph", solve.graph, "g2o file")->required();
   solve_command->add_option("--out", solve.out, "folder for the results")->required();
-  solve_command->add_flag("--incremental", solve.incremental, "vertices one after the other, in the order of their ids");
+  solve_command->add_flag("--incremental", solve.incremental,
+                          "vertices one after the other, in the order of their ids");
   solve_command->add_option("--residual", solve.residual, "g2o (R^T dt, dtheta) or log (group logarithm; default: g2o)")
       ->check(CLI::IsMember({"g2o", "log"}));
   solve_command->callback([&] { status = cli::run_solve(solve); });
 
   cli::consistency::ConsistencyOptions consistency;
-  auto* consistency_command = app.add_subcommand("consistency", "Measure by Monte Carlo whether the estimator is consistent");
-  consistency_command->add_option("--runs", consistency.runs, "runs of each scenario (default: 200)")->check(CLI::Range(2, 100000));
+  auto* consistency_command =
+      app.add_subcommand("consistency", "Measure by Monte Carlo whether the estimator is consistent");
+  consistency_command->add_option("--runs", consistency.runs, "runs of each scenario (default: 200)")
+      ->check(CLI::Range(2, 100000));
   consistency_command->add_option("--seed", consistency.seed, "seed of all draws (default: 1)");
-  consistency_command->add_option("--data", consistency.data, "folder of kitti_trajectories and pose_graphs, for real drift (default: CONVOY_DATA_DIR)");
-  consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")->required();
+  consistency_command->add_option(
+      "--data", consistency.data,
+      "folder of kitti_trajectories and pose_graphs, for real drift (default: CONVOY_DATA_DIR)");
+  consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")
+      ->required();
   consistency_command->callback([&] { status = cli::consistency::run_consistency(consistency); });
 
   try {

@@ -3,8 +3,8 @@
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/covariance.hpp>
 
-#include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
+#include <nlohmann/json.hpp>
 
 #include <fstream>
 #include <map>
@@ -46,7 +46,8 @@ json absolute_json(const FactStore<G>& store, const GlobalMap<G>& global) {
   for (const auto& f : global.map->problem().fixes) used.insert(f.fix);
   for (const auto& [id, chain] : store.chains())
     for (const auto& [index, fix] : chain.absolute_fixes)
-      out["fixes"].push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"used", used.count(fix.key) > 0}});
+      out["fixes"].push_back(
+          {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"used", used.count(fix.key) > 0}});
   return out;
 }
 
@@ -60,8 +61,13 @@ json encounters_json(const FactStore<G>& store, const GlobalMap<G>& global) {
   json out = json::array();
   for (const auto& [id, chain] : store.chains())
     for (const auto& [index, e] : chain.encounters)
-      out.push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"stamp_s", e.state.stamp_s},
-                     {"other", e.other}, {"answered", answered.count(e.key) > 0}, {"used", used.count(e.key) > 0}});
+      out.push_back({{"vehicle", id.vehicle},
+                     {"epoch", id.epoch},
+                     {"index", index},
+                     {"stamp_s", e.state.stamp_s},
+                     {"other", e.other},
+                     {"answered", answered.count(e.key) > 0},
+                     {"used", used.count(e.key) > 0}});
   return out;
 }
 
@@ -74,8 +80,11 @@ json map_json(const SubmapManager<G>& manager) {
   out["selection_digest"] = hex(global.selection.digest);
   out["map_digest"] = hex(global.map->digest());
   const SolveReport& report = global.map->report();
-  out["solve"] = {{"iterations", report.iterations}, {"converged", report.converged}, {"chi2", report.chi2},
-                  {"dof", report.dof}, {"nodes", global.map->problem().nodes.size()},
+  out["solve"] = {{"iterations", report.iterations},
+                  {"converged", report.converged},
+                  {"chi2", report.chi2},
+                  {"dof", report.dof},
+                  {"nodes", global.map->problem().nodes.size()},
                   {"classes", global.selection.classes.size()}};
   out["absolute"] = absolute_json(store, global);
   out["encounters"] = encounters_json(store, global);
@@ -86,7 +95,8 @@ json map_json(const SubmapManager<G>& manager) {
   for (const auto& [id, chain] : store.chains()) {
     out["chains"].push_back({{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"aligned", global.map->aligned(id)}});
     if (const auto learnt = global.map->constants(id))
-      out["chains"].back()["constants"] = {{"scale", learnt->mean[0]}, {"scale_sigma", learnt->sigma[0]},
+      out["chains"].back()["constants"] = {{"scale", learnt->mean[0]},
+                                           {"scale_sigma", learnt->sigma[0]},
                                            {"heading_rad_per_m", learnt->mean[1]},
                                            {"heading_sigma_rad_per_m", learnt->sigma[1]}};
     for (const auto& [index, anchor] : chain.anchors) {
@@ -107,7 +117,10 @@ json map_json(const SubmapManager<G>& manager) {
     }
     for (const auto& [index, landmark] : chain.landmarks) {
       const auto known = class_of.find(landmark.key);
-      json entry = {{"vehicle", id.vehicle}, {"epoch", id.epoch}, {"index", index}, {"anchor", landmark.anchor},
+      json entry = {{"vehicle", id.vehicle},
+                    {"epoch", id.epoch},
+                    {"index", index},
+                    {"anchor", landmark.anchor},
                     {"class", known == class_of.end() ? -1 : known->second}};
       if (const auto estimate = global.map->aligned(id) ? global.map->landmark(store, landmark) : std::nullopt) {
         for (int c = 0; c < G::Dim; ++c) entry[std::string(1, "xyz"[c])] = estimate->mean[c];
@@ -133,8 +146,11 @@ json map_json(const SubmapManager<G>& manager) {
           if (const AnchorFact<G>* anchor = store.anchor(landmark->anchor_key()))
             stamp_s = std::max(stamp_s, anchor->state.stamp_s);
     }
-    out["associations"].push_back({{"id", hex(h.id)}, {"author", h.author.vehicle}, {"t_s", stamp_s},
-                                   {"accepted", h.state == HypothesisState::accepted}, {"reason", to_string(h.state)},
+    out["associations"].push_back({{"id", hex(h.id)},
+                                   {"author", h.author.vehicle},
+                                   {"t_s", stamp_s},
+                                   {"accepted", h.state == HypothesisState::accepted},
+                                   {"reason", to_string(h.state)},
                                    {"pairings", pairings}});
   }
   return out;
@@ -240,7 +256,8 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["searches"] = s.association.searches;
   c["associations_accepted"] = s.association.accepted;
   for (int i = 1; i < rejection_count; ++i)
-    c["associations_rejected"][to_string(static_cast<Rejection>(i))] = s.association.rejected[static_cast<std::size_t>(i)];
+    c["associations_rejected"][to_string(static_cast<Rejection>(i))] =
+        s.association.rejected[static_cast<std::size_t>(i)];
   c["messages_taken"] = s.exchange.messages_taken;
   c["undecodable"] = s.exchange.undecodable;
   c["hostile"] = s.exchange.hostile;

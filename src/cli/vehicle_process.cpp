@@ -4,8 +4,8 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/polar.hpp>
 
-#include <nlohmann/json.hpp>
 #include <spdlog/spdlog.h>
+#include <nlohmann/json.hpp>
 
 #include <atomic>
 #include <chrono>
@@ -95,7 +95,8 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   std::signal(SIGPIPE, SIG_IGN);
 
   if (config.sensors.file.empty())
-    throw ConfigError(config.file.string() + ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
+    throw ConfigError(config.file.string() +
+                      ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
   const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
@@ -105,7 +106,8 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   const double start_s = starts_now ? unix_now_s() : config.sensors.start_unix_s;
   const auto clock = [&] { return (unix_now_s() - start_s) * config.sensors.rate; };
   if (!starts_now && clock() > events.back().t_s)
-    throw ConfigError(config.file.string() + ": the sensor log ended before this start (start_unix_s lies in the past); " +
+    throw ConfigError(config.file.string() +
+                      ": the sensor log ended before this start (start_unix_s lies in the past); " +
                       "give --now to drive it from its beginning, and --out FOLDER to keep what an earlier run left");
   VehicleOutput<G> output(config.output_folder);
   RangeBearingEkf<G> slam(config.front_end);
@@ -123,8 +125,9 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
     for (const auto& state : snapshot.vehicles)
       if (!warned && state.chain == snapshot.self && (state.reasons & reason_impersonated) != 0) {
         warned = true;
-        spdlog::warn("somebody else speaks under id {} on domain {}: stop one of the two, or give it another id or domain",
-                     snapshot.self.vehicle, config.dds.domain);
+        spdlog::warn(
+            "somebody else speaks under id {} on domain {}: stop one of the two, or give it another id or domain",
+            snapshot.self.vehicle, config.dds.domain);
       }
   };
 

@@ -14,8 +14,8 @@ struct VehicleRunOptions {
   double status_period_s = 0.25;  ///< one JSON status line on standard output per such time [s], > 0
 };
 
-/// Runs the vehicle until SIGTERM or SIGINT, or until its sensors end. Returns the exit status. Throws ConfigError, also when
-/// the whole sensor log lies in the past: nothing is written then.
+/// Runs the vehicle until SIGTERM or SIGINT, or until its sensors end. Returns the exit status. Throws ConfigError,
+/// also when the whole sensor log lies in the past: nothing is written then.
 template <class G>
 int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options);
 

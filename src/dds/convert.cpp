@@ -452,10 +452,9 @@ WireStatus from_wire(const v1::Encounter& sample, Message<G>& message) {
   fact.key = {author(sample), sample.index()};
   fact.anchor = sample.anchor();
   fact.other = sample.other();
-  const WireStatus content = first_refusal(fact.other != 0 ? WireStatus::ok : WireStatus::out_of_range,
-                                           from_wire_state(sample.state(), fact.state),
-                                           from_wire_vector(sample.position(), fact.position),
-                                           unpack(sample.covariance(), fact.covariance));
+  const WireStatus content = first_refusal(
+      fact.other != 0 ? WireStatus::ok : WireStatus::out_of_range, from_wire_state(sample.state(), fact.state),
+      from_wire_vector(sample.position(), fact.position), unpack(sample.covariance(), fact.covariance));
   message = {core_chain(sample.sender()), std::move(fact)};
   return content;
 }
@@ -480,8 +479,9 @@ WireStatus from_wire(const v1::Waypoint& sample, Message<G>& message) {
   fact.anchor = sample.anchor();
   fact.encounter = {core_chain(sample.observer()), sample.encounter()};
   const bool answers_somebody = fact.encounter.chain.vehicle != 0;
-  const WireStatus content = first_refusal(answers_somebody ? WireStatus::ok : WireStatus::out_of_range,
-                                           from_wire_state(sample.state(), fact.state), from_wire_vector(sample.mark(), fact.mark));
+  const WireStatus content =
+      first_refusal(answers_somebody ? WireStatus::ok : WireStatus::out_of_range,
+                    from_wire_state(sample.state(), fact.state), from_wire_vector(sample.mark(), fact.mark));
   message = {core_chain(sample.sender()), std::move(fact)};
   return content;
 }
@@ -490,7 +490,7 @@ WireStatus from_wire(const v1::Waypoint& sample, Message<G>& message) {
 
 static_assert(LivePose<SE3>::max_remembered == bounds::remembered);
 template <class G>
-constexpr std::size_t numbers_per_remembered = G::Dim + G::Dim * (G::Dim + 1) / 2;
+constexpr std::size_t numbers_per_remembered = G::Dim + G::Dim*(G::Dim + 1) / 2;
 static_assert(bounds::remembered * numbers_per_remembered<SE3> == bounds::remembered_points);
 
 template <class G>
@@ -548,8 +548,9 @@ WireStatus from_wire(const v1::Pose& sample, Message<G>& message) {
   pose.chain = author(sample);
   pose.anchor = sample.anchor();
   pose.reasons = sample.reasons();
-  const WireStatus content = first_refusal(convert_enum(sample.integrity(), v1::INTEGRITY_SUSPECT, pose.integrity),
-                                           from_wire_state(sample.state(), pose.state), from_wire_remembered(sample, pose));
+  const WireStatus content =
+      first_refusal(convert_enum(sample.integrity(), v1::INTEGRITY_SUSPECT, pose.integrity),
+                    from_wire_state(sample.state(), pose.state), from_wire_remembered(sample, pose));
   message = {core_chain(sample.sender()), std::move(pose)};
   return content;
 }
@@ -619,7 +620,8 @@ WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& samp
 template <class G>
 WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   if (sample.vehicle() == 0) return WireStatus::out_of_range;
-  // A fleet of the other dimension is for the receiver to refuse, who says so; its marks speak of chains that are not ours.
+  // A fleet of the other dimension is for the receiver to refuse, who says so; its marks speak of chains that are not
+  // ours.
   if (sample.dimension() != SE2::Dim && sample.dimension() != SE3::Dim) return WireStatus::wrong_dimension;
   if (sample.marks().size() > bounds::chains) return WireStatus::too_many;
   Digest digest;
@@ -646,29 +648,29 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   return WireStatus::ok;
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                       \
-  template WireStatus to_wire<G>(const ChainId&, const AnchorFact<G>&, v1::Bias&);                  \
-  template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&);  \
-  template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                  \
-  template WireStatus to_wire<G>(const ChainId&, const AbsoluteFixFact<G>&, v1::AbsoluteFix&);      \
-  template WireStatus to_wire<G>(const ChainId&, const EncounterFact<G>&, v1::Encounter&);          \
-  template WireStatus to_wire<G>(const ChainId&, const WaypointFact<G>&, v1::Waypoint&);            \
-  template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                    \
-  template WireStatus to_wire<G>(const ChainId&, const AssociationFact&, v1::Association&);           \
-  template WireStatus to_wire<G>(const ChainId&, const VerdictFact&, v1::Verdict&);                   \
-  template WireStatus to_wire<G>(const ChainId&, const Request&, v1::Request&);                       \
-  template WireStatus to_wire<G>(const ChainId&, const Digest&, v1::Digest&);                         \
-  template WireStatus from_wire<G>(const v1::Bias&, Message<G>&);                                   \
-  template WireStatus from_wire<G>(const v1::Landmark&, Message<G>&);                               \
-  template WireStatus from_wire<G>(const v1::Prior&, Message<G>&);                                  \
-  template WireStatus from_wire<G>(const v1::Association&, Message<G>&);                            \
-  template WireStatus from_wire<G>(const v1::Verdict&, Message<G>&);                                \
-  template WireStatus from_wire<G>(const v1::AbsoluteFix&, Message<G>&);                            \
-  template WireStatus from_wire<G>(const v1::Encounter&, Message<G>&);                              \
-  template WireStatus from_wire<G>(const v1::Waypoint&, Message<G>&);                               \
-  template WireStatus from_wire<G>(const v1::Pose&, Message<G>&);                                   \
-  template WireStatus from_wire<G>(const v1::Request&, Message<G>&);                                \
-  template WireStatus from_wire<G>(const v1::Digest&, Message<G>&);                                 \
+#define CONVOY_INSTANTIATE(G)                                                                      \
+  template WireStatus to_wire<G>(const ChainId&, const AnchorFact<G>&, v1::Bias&);                 \
+  template WireStatus to_wire<G>(const ChainId&, std::span<const LandmarkFact<G>>, v1::Landmark&); \
+  template WireStatus to_wire<G>(const ChainId&, const PriorFact<G>&, v1::Prior&);                 \
+  template WireStatus to_wire<G>(const ChainId&, const AbsoluteFixFact<G>&, v1::AbsoluteFix&);     \
+  template WireStatus to_wire<G>(const ChainId&, const EncounterFact<G>&, v1::Encounter&);         \
+  template WireStatus to_wire<G>(const ChainId&, const WaypointFact<G>&, v1::Waypoint&);           \
+  template WireStatus to_wire<G>(const ChainId&, const LivePose<G>&, v1::Pose&);                   \
+  template WireStatus to_wire<G>(const ChainId&, const AssociationFact&, v1::Association&);        \
+  template WireStatus to_wire<G>(const ChainId&, const VerdictFact&, v1::Verdict&);                \
+  template WireStatus to_wire<G>(const ChainId&, const Request&, v1::Request&);                    \
+  template WireStatus to_wire<G>(const ChainId&, const Digest&, v1::Digest&);                      \
+  template WireStatus from_wire<G>(const v1::Bias&, Message<G>&);                                  \
+  template WireStatus from_wire<G>(const v1::Landmark&, Message<G>&);                              \
+  template WireStatus from_wire<G>(const v1::Prior&, Message<G>&);                                 \
+  template WireStatus from_wire<G>(const v1::Association&, Message<G>&);                           \
+  template WireStatus from_wire<G>(const v1::Verdict&, Message<G>&);                               \
+  template WireStatus from_wire<G>(const v1::AbsoluteFix&, Message<G>&);                           \
+  template WireStatus from_wire<G>(const v1::Encounter&, Message<G>&);                             \
+  template WireStatus from_wire<G>(const v1::Waypoint&, Message<G>&);                              \
+  template WireStatus from_wire<G>(const v1::Pose&, Message<G>&);                                  \
+  template WireStatus from_wire<G>(const v1::Request&, Message<G>&);                               \
+  template WireStatus from_wire<G>(const v1::Digest&, Message<G>&);                                \
   template std::vector<std::span<const LandmarkFact<G>>> split<G>(std::span<const LandmarkFact<G>>);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -1,8 +1,8 @@
 // Messages of the core <-> samples of the wire. No exceptions: what does not fit is refused with a reason.
 #pragma once
 
-#include <convoy/exchange/message.hpp>
 #include <convoy/idl/convoy.h>
+#include <convoy/exchange/message.hpp>
 
 #include <cstddef>
 #include <cstdint>
@@ -50,8 +50,9 @@ template <class G>
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample);
 
-/// From the wire. A digest of a fleet of the other dimension is let through, for its receiver to count. `message` is meaningful only if the status is ok. Whether the content is plausible (positive
-/// covariances, limits of coordinates) is the business of FactStore.
+/// From the wire. A digest of a fleet of the other dimension is let through, for its receiver to count. `message` is
+/// meaningful only if the status is ok. Whether the content is plausible (positive covariances, limits of coordinates)
+/// is the business of FactStore.
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Bias& sample, Message<G>& message);
 template <class G>

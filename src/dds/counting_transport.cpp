@@ -1,15 +1,15 @@
 #include <convoy/dds/counting_transport.hpp>
 
-#include <fastdds/rtps/common/LocatorList.hpp>
 #include <fastdds/rtps/network/SenderResource.h>
+#include <fastdds/rtps/common/LocatorList.hpp>
 
 namespace convoy::dds {
 
 namespace rtps = eprosima::fastrtps::rtps;
 namespace transport = eprosima::fastdds::rtps;
 
-CountingTransportDescriptor::CountingTransportDescriptor(std::shared_ptr<transport::UDPTransportDescriptor> udp_transport,
-                                                         std::shared_ptr<WireCounters> wire_counters)
+CountingTransportDescriptor::CountingTransportDescriptor(
+    std::shared_ptr<transport::UDPTransportDescriptor> udp_transport, std::shared_ptr<WireCounters> wire_counters)
     : ChainingTransportDescriptor(udp_transport), udp(std::move(udp_transport)), counters(std::move(wire_counters)) {}
 
 transport::TransportInterface* CountingTransportDescriptor::create_transport() const {

@@ -15,8 +15,8 @@ namespace convoy::dds {
 /// Figures since the transport was opened. Safe to read from any thread.
 struct WireCounters {
   std::atomic<std::uint64_t> datagrams{0};
-  std::atomic<std::uint64_t> rtps_bytes{0};   ///< UDP payload: RTPS header and everything in it
-  std::atomic<std::uint64_t> failed_sends{0}; ///< the socket took less than all of a message's datagrams
+  std::atomic<std::uint64_t> rtps_bytes{0};    ///< UDP payload: RTPS header and everything in it
+  std::atomic<std::uint64_t> failed_sends{0};  ///< the socket took less than all of a message's datagrams
 
   /// IPv4 (20) and UDP (8) headers. Ethernet's are not included, nor those of IP fragments.
   std::uint64_t header_bytes() const { return 28 * datagrams.load(); }
@@ -39,8 +39,9 @@ class CountingTransport final : public eprosima::fastdds::rtps::ChainingTranspor
  public:
   explicit CountingTransport(const CountingTransportDescriptor& descriptor);
 
-  bool send(eprosima::fastrtps::rtps::SenderResource* low_sender_resource, const eprosima::fastrtps::rtps::octet* buffer,
-            std::uint32_t size, eprosima::fastrtps::rtps::LocatorsIterator* destinations_begin,
+  bool send(eprosima::fastrtps::rtps::SenderResource* low_sender_resource,
+            const eprosima::fastrtps::rtps::octet* buffer, std::uint32_t size,
+            eprosima::fastrtps::rtps::LocatorsIterator* destinations_begin,
             eprosima::fastrtps::rtps::LocatorsIterator* destinations_end,
             const std::chrono::steady_clock::time_point& timeout) override;
 

@@ -10,6 +10,7 @@
 #include <convoy/dds/profile_file.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
@@ -20,7 +21,6 @@
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 
 #include <atomic>
 #include <chrono>
@@ -227,9 +227,9 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
     return edds::StatusMask::publication_matched() << edds::StatusMask::offered_incompatible_qos();
   }
   static edds::StatusMask reader_events() {
-    return edds::StatusMask::data_available() << edds::StatusMask::subscription_matched()
-                                              << edds::StatusMask::requested_incompatible_qos()
-                                              << edds::StatusMask::sample_lost();
+    return edds::StatusMask::data_available()
+           << edds::StatusMask::subscription_matched() << edds::StatusMask::requested_incompatible_qos()
+           << edds::StatusMask::sample_lost();
   }
 
   void accept(const Guarded<Sample>& received) {
@@ -295,8 +295,9 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, 
   const std::string origin =
       config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)";
   if (qos.transport().use_builtin_transports)
-    throw ConfigError(where + "write <useBuiltinTransports>false</useBuiltinTransports>; the built-in transports speak "
-                              "on every interface and cannot be counted");
+    throw ConfigError(where +
+                      "write <useBuiltinTransports>false</useBuiltinTransports>; the built-in transports speak "
+                      "on every interface and cannot be counted");
   if (qos.transport().user_transports.empty())
     throw ConfigError(where + "no transport; name a UDPv4 transport descriptor in <userTransports>");
   for (auto& descriptor : qos.transport().user_transports) {
@@ -328,7 +329,8 @@ class Entities {
     domain_.participant = config.participant;
     try {
       if (domain_.participant == nullptr) create_participant(config, profiles, counters);
-      domain_.publisher = need(domain_.participant->create_publisher(edds::PUBLISHER_QOS_DEFAULT), domain_, "publisher");
+      domain_.publisher =
+          need(domain_.participant->create_publisher(edds::PUBLISHER_QOS_DEFAULT), domain_, "publisher");
       domain_.subscriber =
           need(domain_.participant->create_subscriber(edds::SUBSCRIBER_QOS_DEFAULT), domain_, "subscriber");
     } catch (...) {
@@ -377,9 +379,13 @@ struct DdsExchange<G>::Impl {
 
   bool write(const ChainId& sender, const AnchorFact<G>& fact) { return convert_and_write(bias, sender, fact); }
   bool write(const ChainId& sender, const PriorFact<G>& fact) { return convert_and_write(prior, sender, fact); }
-  bool write(const ChainId& sender, const AssociationFact& fact) { return convert_and_write(association, sender, fact); }
+  bool write(const ChainId& sender, const AssociationFact& fact) {
+    return convert_and_write(association, sender, fact);
+  }
   bool write(const ChainId& sender, const VerdictFact& fact) { return convert_and_write(verdict, sender, fact); }
-  bool write(const ChainId& sender, const AbsoluteFixFact<G>& fact) { return convert_and_write(absolute_fix, sender, fact); }
+  bool write(const ChainId& sender, const AbsoluteFixFact<G>& fact) {
+    return convert_and_write(absolute_fix, sender, fact);
+  }
   bool write(const ChainId& sender, const EncounterFact<G>& fact) { return convert_and_write(encounter, sender, fact); }
   bool write(const ChainId& sender, const WaypointFact<G>& fact) { return convert_and_write(waypoint, sender, fact); }
   bool write(const ChainId& sender, const LivePose<G>& live) { return convert_and_write(pose, sender, live); }
@@ -433,8 +439,8 @@ DdsExchange<G>::~DdsExchange() = default;
 
 template <class G>
 SendStatus DdsExchange<G>::send(const Message<G>& message) {
-  const bool written = std::visit([&](const auto& payload) { return impl_->write(message.sender, payload); },
-                                  message.payload);
+  const bool written =
+      std::visit([&](const auto& payload) { return impl_->write(message.sender, payload); }, message.payload);
   ++(written ? impl_->sent : impl_->rejected);
   return written ? SendStatus::sent : SendStatus::rejected;
 }

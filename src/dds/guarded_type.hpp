@@ -6,13 +6,13 @@
 // and skips what is marked.
 #pragma once
 
-#include <convoy/dds/wire_scan.hpp>
 #include <convoy/idl/convoyPubSubTypes.h>
+#include <convoy/dds/wire_scan.hpp>
 
-#include <fastdds/dds/topic/TopicDataType.hpp>
 #include <fastdds/rtps/common/InstanceHandle.h>
 #include <fastdds/rtps/common/SerializedPayload.h>
 #include <fastrtps/utils/md5.h>
+#include <fastdds/dds/topic/TopicDataType.hpp>
 
 #include <algorithm>
 #include <array>

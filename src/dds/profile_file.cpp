@@ -1,8 +1,8 @@
 #include <convoy/dds/profile_file.hpp>
 #include <convoy/submap/content_hash.hpp>
 
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <tinyxml2.h>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 
 #include <fstream>
 #include <sstream>

@@ -34,7 +34,7 @@ class ProfileFile {
   std::string table_name(const std::string& element, const std::string& name) const;
 
   std::string path_;
-  std::string prefix_;  // of this file's names in the table of Fast DDS
+  std::string prefix_;                                          // of this file's names in the table of Fast DDS
   std::map<std::pair<std::string, std::string>, int> line_of_;  // element, name
 };
 

@@ -11,7 +11,7 @@ namespace convoy::dds {
 
 /// What became of a sample on its way in.
 enum class Decoding : std::uint8_t {
-  none,         ///< nothing was decoded
+  none,  ///< nothing was decoded
   ok,
   undecodable,  ///< unknown encapsulation, cut, or too long: not of this type
   hostile,      ///< well-formed so far, but a sequence is longer than the format allows
@@ -24,7 +24,7 @@ class WireScan {
 
   void skip(std::size_t width, std::size_t count = 1);  ///< `count` primitives of `width` bytes
   std::uint32_t u32();
-  std::uint32_t length(std::uint32_t bound);            ///< of a sequence; 0 after a failure
+  std::uint32_t length(std::uint32_t bound);  ///< of a sequence; 0 after a failure
   void sequence(std::size_t width, std::uint32_t bound) { skip(width, length(bound)); }
 
   bool ok() const { return result_ == Decoding::ok; }

@@ -12,10 +12,10 @@ namespace convoy {
 
 /// What an impaired network does to each message, independently.
 struct Impairment {
-  double loss = 0.0;         ///< probability in [0, 1) that a message is lost
-  double duplicate = 0.0;    ///< probability in [0, 1] that it comes twice
-  double delay_s = 0.0;      ///< every message is late by this, [0, 3600]
-  double jitter_s = 0.0;     ///< and by a uniform share of this more, [0, 3600], so that messages overtake each other
+  double loss = 0.0;       ///< probability in [0, 1) that a message is lost
+  double duplicate = 0.0;  ///< probability in [0, 1] that it comes twice
+  double delay_s = 0.0;    ///< every message is late by this, [0, 3600]
+  double jitter_s = 0.0;   ///< and by a uniform share of this more, [0, 3600], so that messages overtake each other
   std::uint64_t seed = 1;
   bool any() const { return loss > 0 || duplicate > 0 || delay_s > 0 || jitter_s > 0; }
 

@@ -16,7 +16,7 @@ namespace convoy {
 enum class Integrity : std::uint8_t {
   unaligned = 0,  ///< not yet in the common frame
   ok = 1,
-  suspect = 2,    ///< see IntegrityReason
+  suspect = 2,  ///< see IntegrityReason
 };
 const char* to_string(Integrity integrity);
 
@@ -29,7 +29,8 @@ enum IntegrityReason : std::uint32_t {
   reason_missing_facts = 1U << 4,  ///< facts are known to exist that have not arrived
   reason_impersonated = 1U << 5,   ///< somebody else has spoken in the vehicle's name: two vehicles have its id
   reason_drift = 1U << 6,          ///< the vehicle's drift is not the white noise it is taken for (lag-1 correlation)
-  reason_ambiguous = 1U << 7,      ///< UNALIGNED though places in common were found: they fit in two ways, or one is all there is
+  reason_ambiguous =
+      1U << 7,  ///< UNALIGNED though places in common were found: they fit in two ways, or one is all there is
 };
 
 /// "drift", "ambiguous", ...: the bits of IntegrityReason, lowest first.
@@ -41,13 +42,13 @@ struct LandmarkBatch {
   std::vector<LandmarkFact<G>> landmarks;
 };
 
-/// A landmark that a vehicle has exported, where its SLAM says it is now. Second-hand: it may hold the same measurements
-/// as the fact and later ones, so that it serves a live pose and no map.
+/// A landmark that a vehicle has exported, where its SLAM says it is now. Second-hand: it may hold the same
+/// measurements as the fact and later ones, so that it serves a live pose and no map.
 template <class G>
 struct RememberedLandmark {
-  std::uint32_t index = 0;                                             ///< of the vehicle's chain
-  typename G::Point position = G::Point::Zero();                       ///< body frame [m]
-  typename G::PointCovariance covariance = G::PointCovariance::Zero(); ///< of what it shares with no other [m^2]
+  std::uint32_t index = 0;                                              ///< of the vehicle's chain
+  typename G::Point position = G::Point::Zero();                        ///< body frame [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< of what it shares with no other [m^2]
 };
 
 /// Where a vehicle is now, relative to its last anchor, and to landmarks that it remembers.

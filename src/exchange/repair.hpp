@@ -13,21 +13,21 @@
 namespace convoy {
 
 struct RepairParams {
-  double digest_period_s = 1.0;       ///< between two digests, > 0
-  double grace_s = 0.5;               ///< a gap younger than this may just be late, >= 0
-  double backoff_min_s = 0.5;         ///< between two requests for the same sequence; doubles up to the maximum
+  double digest_period_s = 1.0;  ///< between two digests, > 0
+  double grace_s = 0.5;          ///< a gap younger than this may just be late, >= 0
+  double backoff_min_s = 0.5;    ///< between two requests for the same sequence; doubles up to the maximum
   double backoff_max_s = 8.0;
-  double relay_delay_s = 0.6;         ///< up to this long a relayer waits for the author or another to answer
-  std::uint32_t max_ranges = 32;      ///< per request
-  double answers_per_s = 500.0;       ///< facts served per second at most; the rest waits, nothing is forgotten
-  std::uint32_t batch_limit = 16;     ///< landmarks per answering message
+  double relay_delay_s = 0.6;      ///< up to this long a relayer waits for the author or another to answer
+  std::uint32_t max_ranges = 32;   ///< per request
+  double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
+  std::uint32_t batch_limit = 16;  ///< landmarks per answering message
 };
 
 struct RepairCounters {
   std::uint64_t requests_sent = 0;
   std::uint64_t requests_heard = 0;
   std::uint64_t facts_served = 0;
-  std::uint64_t facts_relayed = 0;    ///< served on behalf of another author
+  std::uint64_t facts_relayed = 0;       ///< served on behalf of another author
   std::uint64_t answers_suppressed = 0;  ///< another vehicle was quicker
 };
 

@@ -103,7 +103,8 @@ void RangeBearingEkf<G>::remember(std::uint64_t id, const typename G::Point& pol
     memory_.add(*stamp_s_, id, polar, params_.sighting_noise<G>(polar[0]));
     if (static_cast<int>(memory_.tracks().size()) <= params_.max_remembered) return;
     const auto& tracks = memory_.tracks();
-    const auto oldest = std::min_element(tracks.begin(), tracks.end(), [](const auto& a, const auto& b) { return a.last_s < b.last_s; });
+    const auto oldest = std::min_element(tracks.begin(), tracks.end(),
+                                         [](const auto& a, const auto& b) { return a.last_s < b.last_s; });
     memory_.drop({static_cast<std::size_t>(oldest - tracks.begin())});
     return;
   }

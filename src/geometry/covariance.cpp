@@ -24,7 +24,8 @@ Eigen::Matrix<double, N, 1> eigenvalues(const Square<N>& symmetric) {
 
 template <int N>
 Square<N> positive_part(const Square<N>& symmetric) {
-  if (Eigen::LLT<Square<N>>(symmetric).info() == Eigen::Success) return symmetric;  // the usual case, and a tenth of the time
+  if (Eigen::LLT<Square<N>>(symmetric).info() == Eigen::Success)
+    return symmetric;  // the usual case, and a tenth of the time
   const Eigen::SelfAdjointEigenSolver<Square<N>> eigen(symmetric);
   if (eigen.eigenvalues().minCoeff() >= 0.0) return symmetric;
   const Square<N> V = eigen.eigenvectors();
@@ -38,10 +39,10 @@ double squared_mahalanobis(const Eigen::Matrix<double, N, 1>& r, const Square<N>
   return llt.matrixL().solve(r).squaredNorm();
 }
 
-#define CONVOY_INSTANTIATE(N)                                             \
-  template bool is_covariance<N>(const Square<N>&, double);               \
-  template Eigen::Matrix<double, N, 1> eigenvalues<N>(const Square<N>&);  \
-  template Square<N> positive_part<N>(const Square<N>&);                  \
+#define CONVOY_INSTANTIATE(N)                                            \
+  template bool is_covariance<N>(const Square<N>&, double);              \
+  template Eigen::Matrix<double, N, 1> eigenvalues<N>(const Square<N>&); \
+  template Square<N> positive_part<N>(const Square<N>&);                 \
   template double squared_mahalanobis<N>(const Eigen::Matrix<double, N, 1>&, const Square<N>&);
 CONVOY_INSTANTIATE(1)
 CONVOY_INSTANTIATE(2)

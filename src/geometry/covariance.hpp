@@ -1,5 +1,5 @@
-// Checks and small algebra on covariance matrices, shared by every stage. What decomposes a matrix is compiled once, for the sizes that
-// this library has: 1, 2, 3, 6, and whatever is known at run time.
+// Checks and small algebra on covariance matrices, shared by every stage. What decomposes a matrix is compiled once,
+// for the sizes that this library has: 1, 2, 3, 6, and whatever is known at run time.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,8 +23,8 @@ double squared_mahalanobis(const Eigen::Matrix<double, N, 1>& r, const Square<N>
 }  // namespace decomposed
 
 /// True if every entry is finite, the matrix is symmetric to 1e-9 of its largest entry, and it is positive
-/// semidefinite to the same tolerance. Zero is allowed: it says "exactly known". A difference of covariances is judged by
-/// `at_least`, the size of what it was made from.
+/// semidefinite to the same tolerance. Zero is allowed: it says "exactly known". A difference of covariances is judged
+/// by `at_least`, the size of what it was made from.
 template <class Derived>
 [[nodiscard]] bool is_covariance(const Eigen::MatrixBase<Derived>& P, double at_least = 0.0) {
   return decomposed::is_covariance<Derived::RowsAtCompileTime>(P, at_least);
@@ -41,7 +41,8 @@ Eigen::Matrix<double, Derived::RowsAtCompileTime, 1> eigenvalues(const Eigen::Ma
   return decomposed::eigenvalues<Derived::RowsAtCompileTime>(P);
 }
 
-/// The nearest positive semidefinite matrix: negative eigenvalues become zero. Unchanged, to the bit, if there are none.
+/// The nearest positive semidefinite matrix: negative eigenvalues become zero. Unchanged, to the bit, if there are
+/// none.
 template <class Derived>
 typename Derived::PlainObject positive_part(const Eigen::MatrixBase<Derived>& P) {
   return decomposed::positive_part<Derived::RowsAtCompileTime>(symmetrised(P));

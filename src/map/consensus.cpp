@@ -85,8 +85,8 @@ class CliqueSearch {
       std::vector<int> left;
       int heaviest = 0;
       for (const int v : uncoloured) {
-        const bool alone = std::none_of(result.vertices.begin() + static_cast<std::ptrdiff_t>(first), result.vertices.end(),
-                                        [&](int w) { return related(v, w); });
+        const bool alone = std::none_of(result.vertices.begin() + static_cast<std::ptrdiff_t>(first),
+                                        result.vertices.end(), [&](int w) { return related(v, w); });
         if (!alone) {
           left.push_back(v);
           continue;
@@ -160,10 +160,9 @@ std::vector<std::size_t> heaviest_clique(const Relation& related, const std::vec
   return CliqueSearch(related, elements, weights, max_lookups).run();
 }
 
-#define CONVOY_INSTANTIATE(G)                                                               \
-  template double prior_chi2(const RelativePrior<G>&, const HypothesisAlignment<G>&);       \
-  template double loop_chi2(const FactStore<G>&, const Hypothesis<G>&, const Hypothesis<G>&, \
-                            const DriftSlack&);
+#define CONVOY_INSTANTIATE(G)                                                         \
+  template double prior_chi2(const RelativePrior<G>&, const HypothesisAlignment<G>&); \
+  template double loop_chi2(const FactStore<G>&, const Hypothesis<G>&, const Hypothesis<G>&, const DriftSlack&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -1,8 +1,9 @@
-// Which of the hypotheses between two chains hold together: pairwise loop test and heaviest clique (DESIGN B5, T2 and T3).
+// Which of the hypotheses between two chains hold together: pairwise loop test and heaviest clique (DESIGN B5, T2 and
+// T3).
 //
-// An alignment that is geometrically perfect may still be wrong: a street repeats itself. Two alignments between the same
-// two chains close a loop with the drift in between, and a wrong one is off by as much as it is wrong. The heaviest set that
-// holds together stands, and only if no other one comes near its weight.
+// An alignment that is geometrically perfect may still be wrong: a street repeats itself. Two alignments between the
+// same two chains close a loop with the drift in between, and a wrong one is off by as much as it is wrong. The
+// heaviest set that holds together stands, and only if no other one comes near its weight.
 #pragma once
 
 #include <convoy/association/constraints.hpp>
@@ -18,10 +19,11 @@ namespace convoy {
 template <class G>
 double prior_chi2(const RelativePrior<G>& prior, const HypothesisAlignment<G>& alignment);
 
-/// The same, of the loop that h and k close with the drift between their batches, its persistent errors within `slack`. Both
-/// are between the same two chains.
+/// The same, of the loop that h and k close with the drift between their batches, its persistent errors within `slack`.
+/// Both are between the same two chains.
 template <class G>
-double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypothesis<G>& k, const DriftSlack& slack = {});
+double loop_chi2(const FactStore<G>& store, const Hypothesis<G>& h, const Hypothesis<G>& k,
+                 const DriftSlack& slack = {});
 
 /// Symmetric relation between 0, 1, ..., which may grow.
 class Relation {
@@ -37,8 +39,8 @@ class Relation {
 
 /// The heaviest set of elements in which every two are related, ascending; of equally heavy ones the first one found.
 /// weights[i] > 0 is that of elements[i]. Exact, by branch and bound with colouring bounds, unless that takes more than
-/// `max_lookups` of the relation, which elements with few contradictions never do; beyond, the best found until then, which is
-/// no worse than taking one after the other that fits, those that contradict least first.
+/// `max_lookups` of the relation, which elements with few contradictions never do; beyond, the best found until then,
+/// which is no worse than taking one after the other that fits, those that contradict least first.
 std::vector<std::size_t> heaviest_clique(const Relation& related, const std::vector<std::size_t>& elements,
                                          const std::vector<int>& weights, std::uint64_t max_lookups = 20'000'000);
 

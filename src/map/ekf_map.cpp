@@ -13,7 +13,9 @@ template <class G>
 class Filter {
  public:
   explicit Filter(const Problem<G>& problem)
-      : poses(problem.nodes.size()), points(problem.points.size()), node_at_(problem.nodes.size(), -1),
+      : poses(problem.nodes.size()),
+        points(problem.points.size()),
+        node_at_(problem.nodes.size(), -1),
         point_at_(problem.points.size(), -1) {}
 
   std::vector<G> poses;
@@ -76,14 +78,17 @@ class Filter {
     return innovation.dot(llt.solve(innovation));
   }
 
-  Eigen::MatrixXd covariance(const std::vector<int>& a, const std::vector<int>& b) const { return P_(rows(a), rows(b)); }
+  Eigen::MatrixXd covariance(const std::vector<int>& a, const std::vector<int>& b) const {
+    return P_(rows(a), rows(b));
+  }
 
  private:
   std::vector<Eigen::Index> rows(const std::vector<int>& unknowns) const {
     const int nodes = static_cast<int>(poses.size());
     std::vector<Eigen::Index> rows;
     for (const int u : unknowns) {
-      const Eigen::Index first = u < nodes ? node_at_[static_cast<std::size_t>(u)] : point_at_[static_cast<std::size_t>(u - nodes)];
+      const Eigen::Index first =
+          u < nodes ? node_at_[static_cast<std::size_t>(u)] : point_at_[static_cast<std::size_t>(u - nodes)];
       for (Eigen::Index c = 0; c < (u < nodes ? G::Dof : G::Dim); ++c) rows.push_back(first + c);
     }
     return rows;

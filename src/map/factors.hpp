@@ -36,11 +36,12 @@ struct DriftResidual {
   ConstantsJacobian<G> J_c;
 };
 
-/// F6: r = e_b - phi e_a. Of one node, e = ((up^ x R^T e_z) of roll and pitch, z - h0 - height^). The vehicle is less than upside
-/// down: within 60 degrees of level, say.
+/// F6: r = e_b - phi e_a. Of one node, e = ((up^ x R^T e_z) of roll and pitch, z - h0 - height^). The vehicle is less
+/// than upside down: within 60 degrees of level, say.
 struct BoundedResidual {
   using Jacobian = Eigen::Matrix<double, 3, 6>;
-  BoundedResidual(const BoundedFactor& f, const SE3* T_a, const SE3& T_b, double start_height_m) : J_a(Jacobian::Zero()) {
+  BoundedResidual(const BoundedFactor& f, const SE3* T_a, const SE3& T_b, double start_height_m)
+      : J_a(Jacobian::Zero()) {
     r = error(f.up_b, f.height_b, T_b, start_height_m, J_b);
     J_c = Eigen::Vector3d(0.0, 0.0, -1.0);
     if (T_a == nullptr) return;
@@ -52,7 +53,8 @@ struct BoundedResidual {
   Jacobian J_b, J_a;
 
  private:
-  static Eigen::Vector3d error(const Eigen::Vector3d& up, double height_m, const SE3& T, double start_height_m, Jacobian& J) {
+  static Eigen::Vector3d error(const Eigen::Vector3d& up, double height_m, const SE3& T, double start_height_m,
+                               Jacobian& J) {
     const Eigen::Matrix3d R = T.rotation();
     const Eigen::Vector3d true_up = R.row(2).transpose();  // body frame
     J.setZero();

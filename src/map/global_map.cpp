@@ -17,7 +17,8 @@ namespace {
 // True if `after`, which does without some hypotheses more, amounts to the problem that `before` did: the same classes,
 // the same fixes, and chains placed by the same hypotheses. Its solution is then the same, to the bit.
 template <class G>
-bool same_problem(const Selection<G>& before, const Selection<G>& after, const std::set<Hash>& dropped, const Problem<G>& problem) {
+bool same_problem(const Selection<G>& before, const Selection<G>& after, const std::set<Hash>& dropped,
+                  const Problem<G>& problem) {
   const auto same_state = [&](const Hypothesis<G>& x, const Hypothesis<G>& y) {
     return dropped.count(x.id) != 0 || x.state == y.state;
   };
@@ -64,9 +65,11 @@ struct Worst {
   Hash hypothesis = 0;
 };
 
-// By the graph of hypotheses, which leaves each out, or by the map, which does not, but knows what hypotheses share: the larger.
+// By the graph of hypotheses, which leaves each out, or by the map, which does not, but knows what hypotheses share:
+// the larger.
 template <class G>
-Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Map<G>& map, const Selection<G>& selection, double confidence) {
+Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Map<G>& map, const Selection<G>& selection,
+                       double confidence) {
   Worst worst;
   const double limit = chi2_quantile(confidence, G::Dof);
   const auto left_out = graph.leave_one_out();
@@ -74,7 +77,8 @@ Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Map<G>& map, const
     const Hypothesis<G>& h = selection.hypotheses[k];
     if (h.state != HypothesisState::accepted) continue;
     const auto& [chi2, dof] = left_out[k];
-    const double excess = std::max(contradiction(map, h) / limit, dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0);
+    const double excess =
+        std::max(contradiction(map, h) / limit, dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0);
     if (excess > worst.excess) worst = {excess, h.id};
   }
   return worst;
@@ -142,15 +146,18 @@ bool MapBuilder<G>::exclude_news(const Selection<G>& selection, Map<G>& map, con
     if (contradiction(map, h) > chi2_quantile(params_.map_residual, G::Dof)) excluded_.hypotheses.insert(h.id);
     for (const auto& [a, b] : h.pairings) landmarks.insert({a, b});
   }
-  const auto weigh = [&](const auto& factors, auto key_of, const std::unordered_set<Key>& measured, std::set<Key>& out) {
+  const auto weigh = [&](const auto& factors, auto key_of, const std::unordered_set<Key>& measured,
+                         std::set<Key>& out) {
     for (const auto& f : factors) {
       if (measured.count(key_of(f)) != 0) continue;
       const auto [chi2, dof] = map.contradiction(f);
       if (dof > 0 && chi2 > chi2_quantile(params_.fix_residual, dof)) out.insert(key_of(f));
     }
   };
-  weigh(map.problem().fixes, [](const auto& f) { return f.fix; }, measured_fixes_, excluded_.fixes);
-  weigh(map.problem().encounters, [](const auto& f) { return f.encounter; }, measured_encounters_, excluded_.encounters);
+  weigh(
+      map.problem().fixes, [](const auto& f) { return f.fix; }, measured_fixes_, excluded_.fixes);
+  weigh(
+      map.problem().encounters, [](const auto& f) { return f.encounter; }, measured_encounters_, excluded_.encounters);
   if (excluded_.size() != before) return true;
   std::set<Key> batches;  // whose classes have news in them
   for (const auto& members : selection.landmarks)

@@ -18,24 +18,27 @@ struct GlobalMap {
   Selection<G> selection;
   std::unique_ptr<Map<G>> map;
   std::unordered_map<Key, int> class_of = {};  ///< of each landmark in a class: its index in Selection::classes
-  std::set<ChainId> unsettled = {};     ///< chains of hypotheses that are ambiguous or wait to be confirmed
-  std::set<ChainId> drift_alarms = {};  ///< whose closures show drift that is not white (drift_check.hpp)
-  /// Solved from the canonical start to the end, so that it is the same, to the bit, wherever the same facts are held. False: as
-  /// MapBuilder::update() left it.
+  std::set<ChainId> unsettled = {};            ///< chains of hypotheses that are ambiguous or wait to be confirmed
+  std::set<ChainId> drift_alarms = {};         ///< whose closures show drift that is not white (drift_check.hpp)
+  /// Solved from the canonical start to the end, so that it is the same, to the bit, wherever the same facts are held.
+  /// False: as MapBuilder::update() left it.
   bool exact = true;
 };
 
-/// Never null: an empty store gives an empty map. Selects, solves, leaves out what contradicts the rest, until nothing does:
-/// - a hypothesis that contradicts a map without it (beyond `map_residual`; hypothesis_graph.hpp, T5), and with it all that a
+/// Never null: an empty store gives an empty map. Selects, solves, leaves out what contradicts the rest, until nothing
+/// does:
+/// - a hypothesis that contradicts a map without it (beyond `map_residual`; hypothesis_graph.hpp, T5), and with it all
+/// that a
 ///   robust estimate does without (T4);
-/// - an absolute fix or an encounter that contradicts a map without it, the worst first, before or after hypotheses by how far
+/// - an absolute fix or an encounter that contradicts a map without it, the worst first, before or after hypotheses by
+/// how far
 ///   beyond its gate each is;
 /// - landmarks that could as well be of another class (misfits.hpp).
 template <class G>
 GlobalMap<G> build_global_map(const FactStore<G>& store, const SelectionParams& params, const Backend<G>& backend);
 
-/// build_global_map() for one store as it grows: the same maps, to the bit, without repeating what the facts alone say; and in
-/// between maps that hold what is new at once.
+/// build_global_map() for one store as it grows: the same maps, to the bit, without repeating what the facts alone say;
+/// and in between maps that hold what is new at once.
 template <class G>
 class MapBuilder {
  public:
@@ -46,9 +49,10 @@ class MapBuilder {
   /// `store`: the same in every call, also to update().
   GlobalMap<G> build(const FactStore<G>& store);
 
-  /// Works in what is new since the last call, in time that depends on how much that is. What had been left out stays out, and
-  /// what is new is left out if it contradicts the map. Estimates differ from those of build() by next to nothing, as long as
-  /// both leave out the same; how far depends on the way there. With a backend that has no incremental counterpart: build().
+  /// Works in what is new since the last call, in time that depends on how much that is. What had been left out stays
+  /// out, and what is new is left out if it contradicts the map. Estimates differ from those of build() by next to
+  /// nothing, as long as both leave out the same; how far depends on the way there. With a backend that has no
+  /// incremental counterpart: build().
   GlobalMap<G> update(const FactStore<G>& store);
 
  private:

@@ -40,7 +40,7 @@ struct Hypothesis {
   std::vector<Pairing> pairings;
   ChainId author;  ///< the smallest chain that states it
   HypothesisState state = HypothesisState::waiting;
-  Key batch_a, batch_b;    ///< anchors, a < b; the first landmark of each pairing is of a
+  Key batch_a, batch_b;  ///< anchors, a < b; the first landmark of each pairing is of a
   HypothesisAlignment<G> alignment;
 };
 

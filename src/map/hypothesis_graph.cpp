@@ -61,7 +61,8 @@ std::set<Hash> HypothesisGraph<G>::outliers(double confidence) const {
     const auto map = SparseMap<G>().solve(weighted(weights));
     std::vector<double> chi2;
     for (const DriftFactor<G>& z : z_) {
-      const DriftResidual<G> one(z, map->poses()[static_cast<std::size_t>(z.a)], map->poses()[static_cast<std::size_t>(z.b)]);
+      const DriftResidual<G> one(z, map->poses()[static_cast<std::size_t>(z.a)],
+                                 map->poses()[static_cast<std::size_t>(z.b)]);
       chi2.push_back(squared_mahalanobis(one.r, z.covariance));
     }
     const double largest = chi2.empty() ? 0.0 : *std::max_element(chi2.begin(), chi2.end());

@@ -81,7 +81,8 @@ template <class G>
 std::unique_ptr<Map<G>> IncrementalMap<G>::solve(Problem<G> problem) {
   ++serial_;
   last_ = {};
-  const std::shared_ptr<const Problem<G>> before = std::exchange(problem_, std::make_shared<const Problem<G>>(std::move(problem)));
+  const std::shared_ptr<const Problem<G>> before =
+      std::exchange(problem_, std::make_shared<const Problem<G>>(std::move(problem)));
   take_unknowns(before.get());
   take_factors();
   drop_what_is_gone();
@@ -93,7 +94,8 @@ std::unique_ptr<Map<G>> IncrementalMap<G>::solve(Problem<G> problem) {
   }
   SolveReport report{last_.iterations, true, total_chi2(), factors_->residuals()};
   for (const int size : unknown_sizes(*problem_)) report.dof -= size;
-  return std::make_unique<Map<G>>(problem_, estimate_, report, std::make_unique<TreeCovariance<G>>(tree_.factored(), id_of_));
+  return std::make_unique<Map<G>>(problem_, estimate_, report,
+                                  std::make_unique<TreeCovariance<G>>(tree_.factored(), id_of_));
 }
 
 // Estimates of what was there stay; what is new starts from them.
@@ -124,8 +126,10 @@ void IncrementalMap<G>::take_unknowns(const Problem<G>* before) {
     for (int n = span.first; n < span.end; ++n) {
       if (!whole && id_of_[at(n)] >= 0) continue;
       const Node<G>& node = problem_->nodes[at(n)];
-      estimate_.poses[at(n)] = whole || n == span.first ? node.initial
-                               : estimate_.pose(n - 1) * (problem_->nodes[at(n - 1)].slam.pose.inverse() * node.slam.pose);
+      estimate_.poses[at(n)] =
+          whole || n == span.first
+              ? node.initial
+              : estimate_.pose(n - 1) * (problem_->nodes[at(n - 1)].slam.pose.inverse() * node.slam.pose);
       anew[at(n)] = true;
       place(n);
     }
@@ -159,7 +163,9 @@ void IncrementalMap<G>::place(int u) {
     placed_anew_.push_back(u);
     return;
   }
-  id = tree_.add_unknown(linearised_.is_node(u) ? G::Dof : linearised_.is_point(u) ? G::Dim : Constants<G>::RowsAtCompileTime);
+  id = tree_.add_unknown(linearised_.is_node(u)    ? G::Dof
+                         : linearised_.is_point(u) ? G::Dim
+                                                   : Constants<G>::RowsAtCompileTime);
   if (linearised_.is_node(u)) new_nodes_.push_back(id);
 }
 
@@ -177,7 +183,8 @@ template <class G>
 typename G::Point IncrementalMap<G>::mean_of_members(std::size_t first) const {
   typename G::Point sum = G::Point::Zero();
   int members = 0;
-  for (std::size_t l = first; l < problem_->landmarks.size() && problem_->landmarks[l].point == problem_->landmarks[first].point; ++l) {
+  for (std::size_t l = first;
+       l < problem_->landmarks.size() && problem_->landmarks[l].point == problem_->landmarks[first].point; ++l) {
     sum += estimate_.pose(problem_->landmarks[l].node) * problem_->landmarks[l].position;
     ++members;
   }
@@ -201,7 +208,8 @@ void IncrementalMap<G>::take_factors() {
     hash.add(factors_->content(k));
     for (const int u : factors_->unknowns(k)) hash.add(static_cast<std::uint64_t>(id_of_[at(u)]), 4);
     auto [it, fresh] = known_.try_emplace(hash.value());
-    for (Hash name = hash.value(); it->second.seen == serial_;) std::tie(it, fresh) = known_.try_emplace(++name);  // a twin
+    for (Hash name = hash.value(); it->second.seen == serial_;)
+      std::tie(it, fresh) = known_.try_emplace(++name);  // a twin
     Known& known = it->second;
     known.seen = serial_;
     known_of_[at(k)] = &known;
@@ -284,8 +292,8 @@ bool IncrementalMap<G>::iterate() {
   std::vector<int> far, stale;
   while (last_.iterations < params_.max_iterations) {
     ++last_.iterations;
-    const FrontTree::Report report = tree_.update(new_nodes_.size() <= 3 ? std::span<const int>(new_nodes_) : std::span<const int>(),
-                                                  params_.propagate);
+    const FrontTree::Report report = tree_.update(
+        new_nodes_.size() <= 3 ? std::span<const int>(new_nodes_) : std::span<const int>(), params_.propagate);
     last_.fronts += report.fronts;
     if (report.failed) return false;
     far.clear();

@@ -1,8 +1,8 @@
 // IncrementalMap: a sparse map that grows. Of a new problem only what differs from the one before is worked in.
 //
-// The solution is that of SparseMap but for how far it is iterated: unknowns whose linear step is small are not linearised
-// again, and steps that change by next to nothing are not handed on. It depends on the way there by as much, and no more;
-// the map that all vehicles agree on to the bit is SparseMap's.
+// The solution is that of SparseMap but for how far it is iterated: unknowns whose linear step is small are not
+// linearised again, and steps that change by next to nothing are not handed on. It depends on the way there by as much,
+// and no more; the map that all vehicles agree on to the bit is SparseMap's.
 #pragma once
 
 #include <convoy/map/linear_factors.hpp>
@@ -24,9 +24,9 @@ struct IncrementalMapParams {
 
 /// What the last solve() did.
 struct IncrementalMapReport {
-  int fronts = 0;         ///< that were factored
+  int fronts = 0;  ///< that were factored
   int new_factors = 0, gone_factors = 0;
-  int relinearised = 0;   ///< unknowns
+  int relinearised = 0;  ///< unknowns
   int iterations = 0;
   bool from_start = false;  ///< by SparseMap, from the canonical start: it did not converge from where it was
 };
@@ -69,16 +69,16 @@ class IncrementalMap {
   std::uint64_t serial_ = 0;
   std::shared_ptr<const Problem<G>> problem_;
   std::unique_ptr<LinearFactors<G>> factors_;
-  State<G> linearised_, estimate_;  // of the problem's unknowns
-  std::vector<int> id_of_;          // in the tree, of each unknown of the problem
-  std::vector<int> unknown_of_;     // the other way round
+  State<G> linearised_, estimate_;           // of the problem's unknowns
+  std::vector<int> id_of_;                   // in the tree, of each unknown of the problem
+  std::vector<int> unknown_of_;              // the other way round
   std::unordered_map<Hash, int> number_of_;  // of the problem's unknowns, by what they are
-  std::vector<int> gone_;           // in the tree: what this problem has no more
-  std::vector<int> placed_anew_;    // unknowns of the problem that were there, and start from somewhere else now
-  std::vector<int> new_nodes_;      // in the tree
+  std::vector<int> gone_;                    // in the tree: what this problem has no more
+  std::vector<int> placed_anew_;  // unknowns of the problem that were there, and start from somewhere else now
+  std::vector<int> new_nodes_;    // in the tree
   std::unordered_map<Hash, Known> known_;
-  std::vector<Known*> known_of_;    // each factor of the problem
-  std::vector<int> factor_of_;      // of each term of the tree
+  std::vector<Known*> known_of_;         // each factor of the problem
+  std::vector<int> factor_of_;           // of each term of the tree
   std::vector<std::uint64_t> stamp_of_;  // scratch, by term
   std::uint64_t stamp_ = 0;
   IncrementalMapReport last_;

@@ -39,7 +39,8 @@ LinearFactors<G>::LinearFactors(const Problem<G>& p) : problem_(p) {
     for (std::size_t k = 0; k < list.size(); ++k) visit(k, list[k]);
   };
   each(p.priors, [&](std::size_t k, const auto& f) { add(Kind::prior, k, {f.node}); });
-  each(p.constants, [&](std::size_t k, const auto&) { add(Kind::constants, k, {p.unknown_of_constants(static_cast<int>(k))}); });
+  each(p.constants,
+       [&](std::size_t k, const auto&) { add(Kind::constants, k, {p.unknown_of_constants(static_cast<int>(k))}); });
   each(p.drifts, [&](std::size_t k, const auto& f) {
     if (f.constants < 0) add(Kind::drift, k, {f.a, f.b});
     else add(Kind::drift, k, {f.a, f.b, p.unknown_of_constants(f.constants)});
@@ -76,7 +77,8 @@ void LinearFactors<G>::add_landmarks() {
     const auto last = std::find_if(first, by_node_.end(), [&](const auto* l) { return l->node != node; });
     const auto shares = std::stable_partition(first, last, [](const auto* l) { return l->loading < 0; });
     for (auto l = first; l != shares; ++l)
-      add(Kind::landmarks, static_cast<std::size_t>(l - by_node_.begin()), {node, problem_.unknown_of_point((*l)->point)});
+      add(Kind::landmarks, static_cast<std::size_t>(l - by_node_.begin()),
+          {node, problem_.unknown_of_point((*l)->point)});
     if (shares != last) {
       add(Kind::landmarks, static_cast<std::size_t>(shares - by_node_.begin()), {node});
       for (auto l = shares; l != last; ++l) unknowns_.push_back(problem_.unknown_of_point((*l)->point));
@@ -101,7 +103,8 @@ Eigen::MatrixXd LinearFactors<G>::information(int k) const {
   const auto n = static_cast<Eigen::Index>(landmarks_in(f));
   if (n == 1) return landmark(f, 0).covariance.inverse();
   Eigen::MatrixXd loading(G::Dim * n, G::Shared);
-  for (Eigen::Index i = 0; i < n; ++i) loading.template middleRows<G::Dim>(G::Dim * i) =
+  for (Eigen::Index i = 0; i < n; ++i)
+    loading.template middleRows<G::Dim>(G::Dim * i) =
         problem_.loadings[at(landmark(f, static_cast<std::size_t>(i)).loading)];
   Eigen::MatrixXd covariance = loading * loading.transpose();
   for (Eigen::Index i = 0; i < n; ++i)
@@ -143,7 +146,8 @@ double LinearFactors<G>::linearise(int k, const Eigen::MatrixXd& W, const State<
     case Kind::bounded: {  // F6
       if constexpr (G::Dim == 3) {
         const BoundedFactor& f = problem_.bounded[factor.index];
-        const BoundedResidual one(f, f.a < 0 ? nullptr : &state.pose(f.a), state.pose(f.b), state.constants_of(f.constants)[2]);
+        const BoundedResidual one(f, f.a < 0 ? nullptr : &state.pose(f.a), state.pose(f.b),
+                                  state.constants_of(f.constants)[2]);
         Eigen::Matrix3d J_c = Eigen::Matrix3d::Zero();
         J_c.col(2) = one.J_c;
         if (f.a < 0) return accumulate(W, one.r, term, one.J_b, J_c);
@@ -157,7 +161,8 @@ double LinearFactors<G>::linearise(int k, const Eigen::MatrixXd& W, const State<
 }
 
 template <class G>
-double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, const State<G>& state, LinearTerm* term) const {
+double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, const State<G>& state,
+                                   LinearTerm* term) const {
   const G& T = state.pose(landmark(f, 0).node);
   if (landmarks_in(f) == 1) {
     const LandmarkFactor<G>& l = landmark(f, 0);
@@ -194,7 +199,8 @@ double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, co
   return r.dot(Wr);
 }
 
-// Facts never change, so that a key says what a landmark, a fix or an encounter is, and the nodes what lies between them.
+// Facts never change, so that a key says what a landmark, a fix or an encounter is, and the nodes what lies between
+// them.
 template <class G>
 Hash LinearFactors<G>::content(int k) const {
   const Factor& f = factors_[at(k)];
@@ -205,9 +211,7 @@ Hash LinearFactors<G>::content(int k) const {
       add_group(hash, problem_.priors[f.index].mean);
       hash.add(problem_.priors[f.index].covariance);
       break;
-    case Kind::constants:
-      hash.add(problem_.constants[f.index].mean).add(problem_.constants[f.index].sigma);
-      break;
+    case Kind::constants: hash.add(problem_.constants[f.index].mean).add(problem_.constants[f.index].sigma); break;
     case Kind::drift:
     case Kind::bounded: break;
     case Kind::fix: add_key(hash, problem_.fixes[f.index].fix); break;

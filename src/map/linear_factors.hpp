@@ -10,8 +10,8 @@
 
 namespace convoy {
 
-/// Factors are numbered in a canonical order. The landmarks of one node whose errors have a part in common are one factor
-/// (F2), since they are one measurement.
+/// Factors are numbered in a canonical order. The landmarks of one node whose errors have a part in common are one
+/// factor (F2), since they are one measurement.
 template <class G>
 class LinearFactors {
  public:
@@ -36,8 +36,8 @@ class LinearFactors {
   enum class Kind : std::uint8_t { prior, constants, drift, bounded, fix, encounter, landmarks };
   struct Factor {
     Kind kind;
-    std::size_t index;                   // within its kind; of landmarks: the first one in by_node_
-    std::size_t first_unknown, unknowns; // in unknowns_; of landmarks: the node, then the points
+    std::size_t index;                    // within its kind; of landmarks: the first one in by_node_
+    std::size_t first_unknown, unknowns;  // in unknowns_; of landmarks: the node, then the points
   };
   void add(Kind kind, std::size_t index, std::initializer_list<int> unknowns);
   void add_landmarks();

@@ -9,9 +9,9 @@
 
 namespace convoy {
 
-/// T_common_body where `live` was sent, by a map: by the remembered landmarks where they fit points of the map (three; in
-/// space four) and tell more than Map::pose(), else that. Empty if the map does not know the chain. The map is asked for
-/// covariances, and not changed.
+/// T_common_body where `live` was sent, by a map: by the remembered landmarks where they fit points of the map (three;
+/// in space four) and tell more than Map::pose(), else that. Empty if the map does not know the chain. The map is asked
+/// for covariances, and not changed.
 template <class G>
 std::optional<Estimate<G>> live_pose(const GlobalMap<G>& map, const LivePose<G>& live);
 

@@ -5,8 +5,8 @@
 #include <convoy/map/map.hpp>
 #include <convoy/submap/content_hash.hpp>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 
 namespace convoy {
@@ -50,7 +50,8 @@ struct LocalPose {
   typename G::Tangent g = G::Tangent::Zero();
 
   template <class R, class W, class J, class JOther, class JConstants>
-  void add(const R& r, const W& weight, const J& J_T, typename G::Covariance& H_other, const JOther& J_other, const JConstants& J_c) {
+  void add(const R& r, const W& weight, const J& J_T, typename G::Covariance& H_other, const JOther& J_other,
+           const JConstants& J_c) {
     const Eigen::Matrix<double, G::Dof, R::RowsAtCompileTime> JW = J_T.transpose() * weight;
     H += JW * J_T;
     H_other += JW * J_other;
@@ -242,13 +243,15 @@ std::pair<double, int> Map<G>::contradiction(const DriftFactor<G>& f) {
   return contradiction<G::Dof>(one.r, f.covariance, {{f.a, one.J_a}, {f.b, one.J_b}});
 }
 
-// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the measurement's own share in its residual taken off, w^T M^-1 w is
-// what a map without it would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance of the measurement in units of that
-// of the map without it; where it is nothing but rounding, nothing but the measurement itself determines that direction.
+// With w = S^-1/2 r and M = I - S^-1/2 J P J^T S^-T/2, the measurement's own share in its residual taken off, w^T M^-1
+// w is what a map without it would find. An eigenvalue of M is s0 / (1 + s0), s0 the variance of the measurement in
+// units of that of the map without it; where it is nothing but rounding, nothing but the measurement itself determines
+// that direction.
 template <class G>
 template <int R>
-std::pair<double, int> Map<G>::contradiction(const Eigen::Matrix<double, R, 1>& r, const Eigen::Matrix<double, R, R>& S,
-                                             const std::vector<std::pair<int, Eigen::Matrix<double, R, G::Dof>>>& jacobians) {
+std::pair<double, int> Map<G>::contradiction(
+    const Eigen::Matrix<double, R, 1>& r, const Eigen::Matrix<double, R, R>& S,
+    const std::vector<std::pair<int, Eigen::Matrix<double, R, G::Dof>>>& jacobians) {
   using Square = Eigen::Matrix<double, R, R>;
   Square JPJ = Square::Zero();
   for (const auto& [i, J_i] : jacobians)

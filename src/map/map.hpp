@@ -23,8 +23,8 @@ struct PointEstimate {
   typename G::PointCovariance covariance = G::PointCovariance::Zero();
 };
 
-/// What a backend keeps to answer for covariances. An unknown is a node, a point or the constants of a chain, by its index in
-/// the Problem: see Problem::unknown_of_point() and its like.
+/// What a backend keeps to answer for covariances. An unknown is a node, a point or the constants of a chain, by its
+/// index in the Problem: see Problem::unknown_of_point() and its like.
 template <class G>
 class CovarianceSource {
  public:
@@ -81,8 +81,8 @@ class Map {
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
 
-  /// What the map has learnt of the constants of a chain (scale, heading rate): mean and standard deviation. Empty if it states
-  /// none.
+  /// What the map has learnt of the constants of a chain (scale, heading rate): mean and standard deviation. Empty if
+  /// it states none.
   struct Learnt {
     Eigen::Vector2d mean, sigma;
   };
@@ -101,9 +101,9 @@ class Map {
   std::pair<double, int> contradiction(const DriftFactor<G>& motion);
 
   const Problem<G>& problem() const { return *problem_; }
-  const std::vector<G>& poses() const { return at_.poses; }                    ///< of Problem::nodes
-  const std::vector<typename G::Point>& points() const { return at_.points; }  ///< of Problem::points
-  const std::vector<Constants<G>>& constants() const { return at_.constants; } ///< of Problem::constants
+  const std::vector<G>& poses() const { return at_.poses; }                     ///< of Problem::nodes
+  const std::vector<typename G::Point>& points() const { return at_.points; }   ///< of Problem::points
+  const std::vector<Constants<G>>& constants() const { return at_.constants; }  ///< of Problem::constants
   const SolveReport& report() const { return report_; }
   /// Hash of every pose and point to the bit. Equal for equal facts.
   Hash digest() const { return digest_; }

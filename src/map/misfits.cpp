@@ -125,7 +125,8 @@ class MisfitSearch {
     if (!whole) return;
     const G& T = whole->T_a_b;
     const typename G::PointCovariance R = T.rotation();
-    const auto conceivable = [&](int c, int l) {  // by each landmark's own covariance: the shared part may have hidden it
+    const auto conceivable = [&](int c,
+                                 int l) {  // by each landmark's own covariance: the shared part may have hidden it
       const LandmarkFact<G>&point = class_point(c), &landmark = at(laid.batch, l);
       const typename G::Point apart = point.position - T * landmark.position;
       if (apart.squaredNorm() > reach_squared(point.covariance.trace() + landmark.covariance.trace())) return false;
@@ -137,7 +138,8 @@ class MisfitSearch {
     const auto other_class = [&](const IndexPairing& p) {
       const LandmarkFact<G>& landmark = at(laid.batch, p.second);
       const double x = (T * landmark.position).x();
-      const double reach = 2.0 * std::sqrt(reach_squared(widest_ + landmark.covariance.trace()));  // x is that of the solved point
+      const double reach =
+          2.0 * std::sqrt(reach_squared(widest_ + landmark.covariance.trace()));  // x is that of the solved point
       auto near = std::lower_bound(by_x_.begin(), by_x_.end(), std::pair(x - reach, -1));
       for (; near != by_x_.end() && near->first <= x + reach; ++near) {
         const int k = near->second;
@@ -160,8 +162,8 @@ class MisfitSearch {
     }
   }
 
-  // Some batch has seen both: else they may well be one thing, of which not everybody has been told, and which of them a
-  // landmark belongs to makes no difference.
+  // Some batch has seen both: else they may well be one thing, of which not everybody has been told, and which of them
+  // a landmark belongs to makes no difference.
   bool told_apart(int c, int k) const {
     const auto members_of = [&](int of) { return std::pair(first_member_[index(of)], first_member_[index(of) + 1]); };
     const auto& landmarks = map_.problem().landmarks;
@@ -199,11 +201,11 @@ class MisfitSearch {
   const Map<G>& map_;
   const SelectionParams& params_;
   double margin_, far_;
-  std::vector<std::size_t> first_member_;     // of each class, among the factors of the problem; one more at the end
+  std::vector<std::size_t> first_member_;  // of each class, among the factors of the problem; one more at the end
   std::vector<std::optional<Evidence<G>>> evidence_of_;  // of each class that was asked for
-  Batch<G> classes_;                          // their points
-  std::vector<std::pair<double, int>> by_x_;  // (x of its solved point, class)
-  double widest_ = 0.0;                       // largest trace of a landmark's covariance; that of a class is smaller
+  Batch<G> classes_;                                     // their points
+  std::vector<std::pair<double, int>> by_x_;             // (x of its solved point, class)
+  double widest_ = 0.0;  // largest trace of a landmark's covariance; that of a class is smaller
   std::set<Key> misfits_;
 };
 
@@ -215,7 +217,7 @@ std::set<Key> misfits(const FactStore<G>& store, const Map<G>& map, const Select
   return MisfitSearch<G>(store, map, params).run(batches);
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                      \
+#define CONVOY_INSTANTIATE(G) \
   template std::set<Key> misfits(const FactStore<G>&, const Map<G>&, const SelectionParams&, const std::set<Key>*);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -62,7 +62,8 @@ class ProblemBuilder {
       if (!chain.anchors.empty() || !chain.priors.empty()) wanted[id] = {0};
     auto chain = wanted.begin();
     const auto want = [&](const Key& anchor) {
-      if (chain == wanted.end() || chain->first != anchor.chain) chain = wanted.try_emplace(anchor.chain, std::vector{0U}).first;
+      if (chain == wanted.end() || chain->first != anchor.chain)
+        chain = wanted.try_emplace(anchor.chain, std::vector{0U}).first;
       chain->second.push_back(anchor.index);
     };
     for (const auto& members : selection_.landmarks)
@@ -83,7 +84,8 @@ class ProblemBuilder {
         if (const auto found = waypoints.find(key); found != waypoints.end()) add_waypoint_nodes(found->second);
       }
       span.end = static_cast<int>(problem_.nodes.size());
-      if (const PriorFact<G>* prior = store_.prior(id); prior != nullptr && !plain_) span.persistent = prior->persistent;
+      if (const PriorFact<G>* prior = store_.prior(id); prior != nullptr && !plain_)
+        span.persistent = prior->persistent;
       chain_of_[id] = static_cast<int>(problem_.chains.size());
       problem_.chains.push_back(span);
     }
@@ -102,7 +104,9 @@ class ProblemBuilder {
 
   WaypointsByAnchor waypoints_of_selection() const {
     WaypointsByAnchor all;
-    const auto add = [&](FactKind kind, const auto& fact) { all[fact.anchor_key()].push_back({kind, fact.key, &fact.state}); };
+    const auto add = [&](FactKind kind, const auto& fact) {
+      all[fact.anchor_key()].push_back({kind, fact.key, &fact.state});
+    };
     for (const Key& key : selection_.fixes) add(FactKind::absolute_fix, fix(key));
     for (const SelectedEncounter& e : selection_.encounters) {
       add(FactKind::encounter, encounter(e));
@@ -111,8 +115,8 @@ class ProblemBuilder {
     return all;
   }
 
-  // Behind the node of their anchor, in the order of driving. Each is a place of its own: several that hang on one anchor share
-  // the drift since then. Where the vehicle has not moved, neighbours share a node.
+  // Behind the node of their anchor, in the order of driving. Each is a place of its own: several that hang on one
+  // anchor share the drift since then. Where the vehicle has not moved, neighbours share a node.
   void add_waypoint_nodes(std::vector<Waypoint>& waypoints) {
     std::sort(waypoints.begin(), waypoints.end(), [](const Waypoint& x, const Waypoint& y) {
       return std::tie(x.state->abscissa_m, x.state->stamp_s, x.kind, x.key) <
@@ -215,7 +219,8 @@ class ProblemBuilder {
         if (placed.count(a) == placed.count(b)) continue;
         const G Xa = store_.anchor(h.batch_a)->state.pose, Xb = store_.anchor(h.batch_b)->state.pose;
         const G& z = h.alignment.T_a_b;
-        if (placed.count(a)) base_[static_cast<std::size_t>(b)] = base_[static_cast<std::size_t>(a)] * Xa * z * Xb.inverse();
+        if (placed.count(a))
+          base_[static_cast<std::size_t>(b)] = base_[static_cast<std::size_t>(a)] * Xa * z * Xb.inverse();
         else base_[static_cast<std::size_t>(a)] = base_[static_cast<std::size_t>(b)] * Xb * z.inverse() * Xa.inverse();
         placed.insert({a, b});
         problem_.placed_by.insert(h.id);
@@ -253,8 +258,9 @@ class ProblemBuilder {
     double median_m;  // of what the points lie apart then
   };
 
-  // T_there_here, yaw and position: of all pairs of fixes far enough apart, the one that suits the others best (least median of
-  // squares), so that a gross error does not decide where to start from. Empty if no pair fixes the yaw to 0.3 rad.
+  // T_there_here, yaw and position: of all pairs of fixes far enough apart, the one that suits the others best (least
+  // median of squares), so that a gross error does not decide where to start from. Empty if no pair fixes the yaw to
+  // 0.3 rad.
   static std::optional<Aligned> align_sights(const std::vector<Sight>& all) {
     constexpr double max_sigma_yaw_rad = 0.3;
     constexpr std::size_t most = 40;
@@ -328,17 +334,21 @@ class ProblemBuilder {
     const int observer = chain_of_.at(e.encounter.chain), other = chain_of_.at(e.waypoint.chain);
     if (is_aligned(observer) == is_aligned(other)) return std::nullopt;
     const EncounterFact<G>& seen = encounter(e);
-    const int node_o = node_of_waypoint(FactKind::encounter, e.encounter), node_w = node_of_waypoint(FactKind::waypoint, e.waypoint);
-    const typename G::Point by_observer = initial(node_o) * seen.position, by_other = initial(node_w) * waypoint(e).mark;
+    const int node_o = node_of_waypoint(FactKind::encounter, e.encounter),
+              node_w = node_of_waypoint(FactKind::waypoint, e.waypoint);
+    const typename G::Point by_observer = initial(node_o) * seen.position,
+                            by_other = initial(node_w) * waypoint(e).mark;
     const double sigma_m = std::sqrt(seen.covariance.diagonal().maxCoeff());
     if (is_aligned(observer)) return std::pair{group(other), Meeting{{by_other, by_observer, sigma_m}, node_o, node_w}};
     return std::pair{group(observer), Meeting{{by_observer, by_other, sigma_m}, node_o, node_w}};
   }
 
-  // Variance of a position at the last of some nodes of a chain, seen from the first: the way may have bent so far. [m^2]
+  // Variance of a position at the last of some nodes of a chain, seen from the first: the way may have bent so far.
+  // [m^2]
   double bend(std::vector<int> nodes) const {
     const auto [first, last] = std::minmax_element(nodes.begin(), nodes.end());
-    const auto Q = increment(problem_.nodes[static_cast<std::size_t>(*first)].slam, problem_.nodes[static_cast<std::size_t>(*last)].slam);
+    const auto Q = increment(problem_.nodes[static_cast<std::size_t>(*first)].slam,
+                             problem_.nodes[static_cast<std::size_t>(*last)].slam);
     return Q.covariance.template topLeftCorner<G::Dim, G::Dim>().trace();
   }
 
@@ -352,7 +362,8 @@ class ProblemBuilder {
     for (const Meeting& m : meetings) {
       sights.push_back(m.sight);
       variances.push_back(m.sight.sigma_m * m.sight.sigma_m);
-      for (const int n : {m.observer, m.other}) nodes[problem_.nodes[static_cast<std::size_t>(n)].anchor.chain].push_back(n);
+      for (const int n : {m.observer, m.other})
+        nodes[problem_.nodes[static_cast<std::size_t>(n)].anchor.chain].push_back(n);
     }
     const auto half = variances.begin() + static_cast<std::ptrdiff_t>(variances.size() / 2);
     std::nth_element(variances.begin(), half, variances.end());
@@ -362,8 +373,8 @@ class ProblemBuilder {
     return aligned && aligned->median_m < 3.0 * std::sqrt(variance) ? aligned : std::nullopt;
   }
 
-  // One group after the other, the one with most encounters first: it may bring others within reach. What contradicts the map
-  // that comes of it is found there.
+  // One group after the other, the one with most encounters first: it may bring others within reach. What contradicts
+  // the map that comes of it is found there.
   void place_by_encounters() {
     while (true) {
       std::map<int, std::vector<Meeting>> meetings;
@@ -406,8 +417,8 @@ class ProblemBuilder {
     for (const Key& key : selection_.fixes) {
       if (!is_aligned(chain_of_.at(key.chain))) continue;
       const AbsoluteFixFact<G>& f = fix(key);
-      problem_.fixes.push_back(
-          {node_of_waypoint(FactKind::absolute_fix, key), problem_.datum, key, f.lever, f.position, symmetrised(typename G::PointCovariance(f.covariance + floor))});
+      problem_.fixes.push_back({node_of_waypoint(FactKind::absolute_fix, key), problem_.datum, key, f.lever, f.position,
+                                symmetrised(typename G::PointCovariance(f.covariance + floor))});
     }
   }
 
@@ -415,12 +426,13 @@ class ProblemBuilder {
     const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
     for (const SelectedEncounter& e : selection_.encounters) {
       const int a = chain_of_.at(e.encounter.chain), b = chain_of_.at(e.waypoint.chain);
-      const bool one_frame = (is_aligned(a) && is_aligned(b)) || (is_aligned(a) == is_aligned(b) && group(a) == group(b));
+      const bool one_frame =
+          (is_aligned(a) && is_aligned(b)) || (is_aligned(a) == is_aligned(b) && group(a) == group(b));
       if (!one_frame) continue;
       const EncounterFact<G>& f = encounter(e);
       problem_.encounters.push_back({node_of_waypoint(FactKind::encounter, e.encounter),
-                                     node_of_waypoint(FactKind::waypoint, e.waypoint), e.encounter, waypoint(e).mark, f.position,
-                                     symmetrised(typename G::PointCovariance(f.covariance + floor))});
+                                     node_of_waypoint(FactKind::waypoint, e.waypoint), e.encounter, waypoint(e).mark,
+                                     f.position, symmetrised(typename G::PointCovariance(f.covariance + floor))});
     }
   }
 
@@ -518,9 +530,9 @@ class ProblemBuilder {
   std::map<std::pair<FactKind, Key>, int> waypoint_node_;  // of absolute fixes, encounters and waypoints
   std::map<ChainId, int> chain_of_;
   std::vector<int> parent_;
-  std::vector<G> base_;      // T_common_slam of each chain to start from
+  std::vector<G> base_;        // T_common_slam of each chain to start from
   std::vector<int> floating_;  // chains whose group is held by absolute fixes alone
-  std::vector<int> gauges_;  // chains fixed at the identity for want of a static bias
+  std::vector<int> gauges_;    // chains fixed at the identity for want of a static bias
 };
 
 // What the drift of a chain says of bounded components is not used.
@@ -597,11 +609,11 @@ Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selectio
   return ProblemBuilder<G>(store, selection, options).build();
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                                         \
-  template State<G> start_of(const Problem<G>&);                                                                      \
-  template std::vector<int> unknown_sizes(const Problem<G>&);                                                         \
-  template DriftFactor<G> drift_between(const ChainState<G>&, const ChainState<G>&, const ChainSpan&);                \
-  template BoundedFactor bounded_between(const ChainState<G>*, const ChainState<G>&, const ChainSpan&);               \
+#define CONVOY_INSTANTIATE(G)                                                                           \
+  template State<G> start_of(const Problem<G>&);                                                        \
+  template std::vector<int> unknown_sizes(const Problem<G>&);                                           \
+  template DriftFactor<G> drift_between(const ChainState<G>&, const ChainState<G>&, const ChainSpan&);  \
+  template BoundedFactor bounded_between(const ChainState<G>*, const ChainState<G>&, const ChainSpan&); \
   template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, const ProblemOptions&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

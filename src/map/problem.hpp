@@ -51,11 +51,11 @@ struct DriftFactor {
 /// e_b = phi e_a + N(0, (1 - phi^2) diag(sigma^2)); without a: e_b ~ N(0, diag(sigma^2)).
 struct BoundedFactor {
   int a = -1, b = 0;
-  int constants = 0;                    ///< whose third one is the height of the start
+  int constants = 0;  ///< whose third one is the height of the start
   double phi = 0.0;
-  Eigen::Vector3d up_a, up_b;           ///< what the chain says is up, body frame of each node
+  Eigen::Vector3d up_a, up_b;             ///< what the chain says is up, body frame of each node
   double height_a = 0.0, height_b = 0.0;  ///< above the start of the chain, as it says [m]
-  Eigen::Vector3d information;          ///< of (roll, pitch, height); 0: not bounded
+  Eigen::Vector3d information;            ///< of (roll, pitch, height); 0: not bounded
 };
 
 /// F2: T_node^-1 m = l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
@@ -91,23 +91,23 @@ struct EncounterFactor {
 
 struct ChainSpan {
   ChainId chain;
-  int first = 0, end = 0;  ///< its nodes; the first is the start of the epoch, index 0
-  bool aligned = false;    ///< expressed in the common frame; else in a frame of its own
+  int first = 0, end = 0;    ///< its nodes; the first is the start of the epoch, index 0
+  bool aligned = false;      ///< expressed in the common frame; else in a frame of its own
   ChainId placed_from = {};  ///< where its start values begin; nobody: absolute fixes or encounters have placed it
-  int constants = -1;      ///< of Problem::constants; -1: none
+  int constants = -1;        ///< of Problem::constants; -1: none
   PersistentDrift persistent = {};
 };
 
 template <class G>
 struct Problem {
   std::vector<ChainSpan> chains;
-  std::vector<Node<G>> nodes;                 ///< chains in canonical order, each in index order
-  std::vector<typename G::Point> points;      ///< start values, one per class of the selection, same order
+  std::vector<Node<G>> nodes;             ///< chains in canonical order, each in index order
+  std::vector<typename G::Point> points;  ///< start values, one per class of the selection, same order
   std::vector<PriorFactor<G>> priors;
   std::vector<DriftFactor<G>> drifts;
   std::vector<LandmarkFactor<G>> landmarks;   ///< those of a point together
   std::vector<typename G::Loading> loadings;  ///< of landmarks
-  std::set<Hash> placed_by;  ///< hypotheses that the start values of chains come from
+  std::set<Hash> placed_by;                   ///< hypotheses that the start values of chains come from
   std::vector<ConstantsFactor<G>> constants;
   std::vector<BoundedFactor> bounded;
   std::vector<EncounterFactor<G>> encounters;
@@ -125,13 +125,15 @@ struct State {
   /// Between two estimates of one unknown: a right perturbation of a node, a difference of points or constants.
   using Step = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, G::Dof, 1>;
 
-  std::vector<G> poses;                    ///< of Problem::nodes
-  std::vector<typename G::Point> points;   ///< of Problem::points
-  std::vector<Constants<G>> constants;     ///< of Problem::constants
+  std::vector<G> poses;                   ///< of Problem::nodes
+  std::vector<typename G::Point> points;  ///< of Problem::points
+  std::vector<Constants<G>> constants;    ///< of Problem::constants
 
   const G& pose(int n) const { return poses[static_cast<std::size_t>(n)]; }
   const typename G::Point& point(int p) const { return points[static_cast<std::size_t>(p)]; }
-  Constants<G> constants_of(int k) const { return k < 0 ? Constants<G>::Zero() : constants[static_cast<std::size_t>(k)]; }
+  Constants<G> constants_of(int k) const {
+    return k < 0 ? Constants<G>::Zero() : constants[static_cast<std::size_t>(k)];
+  }
 
   // Any unknown, by its number in the problem.
   int size() const { return static_cast<int>(poses.size() + points.size() + constants.size()); }
@@ -179,16 +181,16 @@ struct ProblemOptions {
   bool plain = false;                ///< F0, F1 and F2 alone: the paper's method knows no others
 };
 
-/// The common frame is the one of the static biases, if any is known. Else it is the start of `reference` (its first epoch
-/// that is connected to another chain; 0: the smallest chain in the largest group of chains that accepted hypotheses
-/// connect). Chains that nothing connects to it keep a frame of their own and are not aligned.
+/// The common frame is the one of the static biases, if any is known. Else it is the start of `reference` (its first
+/// epoch that is connected to another chain; 0: the smallest chain in the largest group of chains that accepted
+/// hypotheses connect). Chains that nothing connects to it keep a frame of their own and are not aligned.
 ///
-/// Absolute fixes add a datum T_enu_common (flat prior) once those of the common frame fix its yaw, and align every group
-/// of chains whose own fixes do so. With `common_frame_is_enu` there is no datum: chains are aligned by their fixes (or a static
-/// bias) alone, and nobody's start is the common frame.
+/// Absolute fixes add a datum T_enu_common (flat prior) once those of the common frame fix its yaw, and align every
+/// group of chains whose own fixes do so. With `common_frame_is_enu` there is no datum: chains are aligned by their
+/// fixes (or a static bias) alone, and nobody's start is the common frame.
 ///
-/// A group of chains that nothing else aligns is aligned by its encounters with aligned chains, three or more of them from
-/// places far enough apart.
+/// A group of chains that nothing else aligns is aligned by its encounters with aligned chains, three or more of them
+/// from places far enough apart.
 template <class G>
 Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options = {});
 

@@ -54,7 +54,8 @@ class Classes {
       });
       std::sort(members.begin(), members.end(), by_key);
     }
-    std::sort(classes.begin(), classes.end(), [&](const auto& x, const auto& y) { return by_key(x.front(), y.front()); });
+    std::sort(classes.begin(), classes.end(),
+              [&](const auto& x, const auto& y) { return by_key(x.front(), y.front()); });
     return classes;
   }
 
@@ -104,8 +105,8 @@ class Classes {
   std::vector<std::pair<int, int>> merged_;  // (into, from), by the join() in progress
 };
 
-// True if no place elsewhere could pass for this one unnoticed: one that looks alike shows in the batches themselves if it
-// is nearer than half of what is paired, and the prior leaves no room for one farther away.
+// True if no place elsewhere could pass for this one unnoticed: one that looks alike shows in the batches themselves if
+// it is nearer than half of what is paired, and the prior leaves no room for one farther away.
 template <class G>
 bool is_confined(const RelativePrior<G>& prior, const Batch<G>& a, const Batch<G>& b, double gate) {
   double extent = 0.0;
@@ -136,7 +137,8 @@ bool passed(const ChainState<G>& first, const ChainState<G>& second) {
   return first.stamp_s <= second.stamp_s && first.abscissa_m <= second.abscissa_m;
 }
 
-// A state that is said to follow an anchor: absent if the anchor has not arrived, or if it lies before it or beyond the next.
+// A state that is said to follow an anchor: absent if the anchor has not arrived, or if it lies before it or beyond the
+// next.
 template <class G>
 bool in_place(const typename FactStore<G>::Chain& chain, std::uint32_t index, const ChainState<G>& state) {
   const auto anchor = chain.anchors.find(index);
@@ -253,8 +255,7 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
   h.alignment = {alignment->T_a_b, alignment->covariance()};
   const auto prior = relative_prior(store, a.anchor, b.anchor, params_.slack);
   result.confined = prior && is_confined(*prior, a, b, chi2_quantile(params_.map_residual, G::Dim));
-  if (prior && !(prior_chi2(*prior, h.alignment) <= map_residual_chi2_))
-    return ends(HypothesisState::prior);
+  if (prior && !(prior_chi2(*prior, h.alignment) <= map_residual_chi2_)) return ends(HypothesisState::prior);
   for (const auto& [ka, kb] : pairings) result.pairs.emplace_back(number(store, ka), number(store, kb));
   return ends(HypothesisState::accepted);
 }
@@ -275,7 +276,8 @@ template <class G>
 std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Examined& fresh) {
   Group& group = groups_[{fresh.hypothesis.batch_a.chain, fresh.hypothesis.batch_b.chain}];
   std::vector<bool> together;
-  for (const Hash other : group.members) {  // in the order of their ids: the test is symmetric but for rounding and first order
+  for (const Hash other :
+       group.members) {  // in the order of their ids: the test is symmetric but for rounding and first order
     const Examined& member = examined_.at(other);
     together.push_back(other < id ? hold_together(store, member, fresh) : hold_together(store, fresh, member));
   }
@@ -284,8 +286,8 @@ std::size_t Selector<G>::join_group(const FactStore<G>& store, Hash id, const Ex
   return group.members.size() - 1;
 }
 
-// The heaviest set stands. Each set that contradicts it is weighed against the part of it that it contradicts; if it comes near
-// that, neither is to be trusted, and if that part is most of what stands, nothing is.
+// The heaviest set stands. Each set that contradicts it is weighed against the part of it that it contradicts; if it
+// comes near that, neither is to be trusted, and if that part is most of what stands, nothing is.
 template <class G>
 void Selector<G>::decide(Group& group, const std::vector<int>& weights) const {
   std::vector<int> weight_of(group.members.size(), 0);
@@ -326,8 +328,9 @@ std::vector<int> Selector<G>::weights_of(const Group& group, const std::vector<H
   for (std::size_t k = 0; k < members.size(); ++k) {
     int statements = 0;
     for (std::size_t m = 0; m < members.size(); ++m)
-      statements += k == m || (members[k]->batch_a == members[m]->batch_a && members[k]->batch_b == members[m]->batch_b &&
-                               group.together(group.active[k], group.active[m]));
+      statements +=
+          k == m || (members[k]->batch_a == members[m]->batch_a && members[k]->batch_b == members[m]->batch_b &&
+                     group.together(group.active[k], group.active[m]));
     weights.push_back(std::max(1, unit * static_cast<int>(members[k]->pairings.size()) / statements));
   }
   return weights;
@@ -351,9 +354,9 @@ void Selector<G>::find_consensus(std::vector<Hypothesis<G>>& hypotheses) {
   }
 }
 
-// Hypotheses between different batches that hold together confirm each other, even by landmarks that are doubtful one by one.
-// A single one stands if nothing could pass for
-// what it has found, or if its chains are linked without it: then the map has its say.
+// Hypotheses between different batches that hold together confirm each other, even by landmarks that are doubtful one
+// by one. A single one stands if nothing could pass for what it has found, or if its chains are linked without it: then
+// the map has its say.
 template <class G>
 void Selector<G>::demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) const {
   ByChains standing;
@@ -372,8 +375,9 @@ void Selector<G>::demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) co
     if (std::none_of(members.begin(), members.end(), accepted)) continue;
     std::set<std::pair<Key, Key>> places;
     for (const Hypothesis<G>* h : members) places.insert({h->batch_a, h->batch_b});
-    const bool sure = static_cast<int>(places.size()) >= params_.min_confirmed ||
-                      std::any_of(members.begin(), members.end(), [&](const auto* h) { return examined_.at(h->id).confined; });
+    const bool sure =
+        static_cast<int>(places.size()) >= params_.min_confirmed ||
+        std::any_of(members.begin(), members.end(), [&](const auto* h) { return examined_.at(h->id).confined; });
     if (!sure) single.push_back(&group);
     else parent[std::max(root(chains.first), root(chains.second))] = std::min(root(chains.first), root(chains.second));
   }
@@ -453,14 +457,16 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
   for (Hypothesis<G>& h : selection.hypotheses) {
     if (h.state != HypothesisState::accepted) continue;
     const auto& pairs = examined_.at(h.id).pairs;
-    const auto fitting = std::count_if(pairs.begin(), pairs.end(), [&](const auto& p) { return !is_left_out(left_out, p.first, p.second); });
+    const auto fitting = std::count_if(pairs.begin(), pairs.end(),
+                                       [&](const auto& p) { return !is_left_out(left_out, p.first, p.second); });
     if (excluded.hypotheses.count(h.id)) h.state = HypothesisState::map_residual;
     else if (fitting < G::Dim) h.state = HypothesisState::doubtful;  // fixes no motion any more
   }
   demand_confirmation(selection.hypotheses);
   Classes classes(batch_of_);
   for (Hypothesis<G>& h : selection.hypotheses)
-    if (h.state == HypothesisState::accepted && !classes.join(examined_.at(h.id).pairs, left_out)) h.state = HypothesisState::class_conflict;
+    if (h.state == HypothesisState::accepted && !classes.join(examined_.at(h.id).pairs, left_out))
+      h.state = HypothesisState::class_conflict;
   selection.landmarks = classes.sorted(landmarks_);
   selection.classes.reserve(selection.landmarks.size());
   ContentHash hash;

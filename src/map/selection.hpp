@@ -15,18 +15,19 @@ namespace convoy {
 
 struct SelectionParams {
   int min_pairings = 5;
-  double residual = 0.99;     ///< chi-square confidence of a hypothesis' own alignment
+  double residual = 0.99;        ///< chi-square confidence of a hypothesis' own alignment
   double map_residual = 0.9999;  ///< confidence beyond which a hypothesis contradicts priors, others, or the solved map
   double max_runner_up_share = 0.25;  ///< of the weight (pairings) of the set that holds together; beyond: ambiguous
-  DriftSlack slack{0.01, 1e-4};      ///< persistent drift errors that alone contradict nothing
-  int min_confirmed = 2;             ///< hypotheses that must hold together to link two chains; 1: the first one may
-  double separation = 0.9;       ///< a landmark leaves its class unless every other way fits this much worse, chi-square
-  /// Errors of a receiver of absolute positions hang together for about this long: one fix per chain and time enters. [s]
+  DriftSlack slack{0.01, 1e-4};       ///< persistent drift errors that alone contradict nothing
+  int min_confirmed = 2;              ///< hypotheses that must hold together to link two chains; 1: the first one may
+  double separation = 0.9;  ///< a landmark leaves its class unless every other way fits this much worse, chi-square
+  /// Errors of a receiver of absolute positions hang together for about this long: one fix per chain and time enters.
+  /// [s]
   double fix_correlation_s = 60.0;
   /// Confidence beyond which a fix or an encounter contradicts the map of all the others and is dropped.
   double fix_residual = 0.99;
   bool common_frame_is_enu = false;  ///< the common frame is that of the absolute fixes, and no datum is looked for
-  VehicleId reference = 0;       ///< whose start is the common frame if no static bias is known; 0: see build_problem()
+  VehicleId reference = 0;  ///< whose start is the common frame if no static bias is known; 0: see build_problem()
 };
 
 /// An encounter and the waypoint of the other vehicle that answers it.
@@ -41,15 +42,15 @@ struct Selection {
   std::vector<std::vector<Key>> classes;  ///< landmarks that are the same, two or more; sorted
   /// The facts of `classes`, in the store that was selected from, while that lives.
   std::vector<std::vector<const LandmarkFact<G>*>> landmarks;
-  std::vector<Key> fixes;                 ///< absolute fixes that enter the map; sorted
+  std::vector<Key> fixes;                     ///< absolute fixes that enter the map; sorted
   std::vector<SelectedEncounter> encounters;  ///< that enter the map; sorted
-  Hash digest = 0;                        ///< of the classes, fixes and encounters
+  Hash digest = 0;                            ///< of the classes, fixes and encounters
 };
 
 /// What an earlier look at the map has shown not to fit.
 struct Exclusions {
-  std::set<Hash> hypotheses;  ///< contradict the rest of the map
-  std::set<Key> landmarks;    ///< fit another class better than the one their pairings put them into
+  std::set<Hash> hypotheses;      ///< contradict the rest of the map
+  std::set<Key> landmarks;        ///< fit another class better than the one their pairings put them into
   std::set<Key> fixes = {};       ///< contradict the rest of the map
   std::set<Key> encounters = {};  ///< the same
   std::size_t size() const { return hypotheses.size() + landmarks.size() + fixes.size() + encounters.size(); }
@@ -80,8 +81,8 @@ class Selector {
   struct Group {
     std::vector<Hash> members;
     Relation together;
-    std::vector<std::size_t> active;            // when last asked: the members, and ...
-    std::vector<HypothesisState> state_of;      // ... what became of each of them
+    std::vector<std::size_t> active;        // when last asked: the members, and ...
+    std::vector<HypothesisState> state_of;  // ... what became of each of them
   };
   void read(const FactStore<G>& store);
   void read_associations(const FactStore<G>& store);
@@ -106,7 +107,7 @@ class Selector {
   std::vector<int> batch_of_;  // of each landmark
   bool read_ = false;
   std::uint64_t revision_ = 0;
-  std::vector<Hypothesis<G>> stated_;  // at that revision of the store
+  std::vector<Hypothesis<G>> stated_;                             // at that revision of the store
   std::map<ChainId, std::set<std::uint32_t>> read_associations_;  // indices
   std::unordered_map<Hash, ChainId> author_of_;
   std::set<Hash> vetoed_;

@@ -95,7 +95,8 @@ class NormalEquations {
     for (std::size_t n = 0; n < to.poses.size(); ++n)
       to.poses[n] = from.poses[n] * G::Exp(of(std::integral_constant<int, G::Dof>(), static_cast<int>(n)));
     for (std::size_t p = 0; p < to.points.size(); ++p)
-      to.points[p] = from.points[p] + of(std::integral_constant<int, G::Dim>(), problem_.unknown_of_point(static_cast<int>(p)));
+      to.points[p] =
+          from.points[p] + of(std::integral_constant<int, G::Dim>(), problem_.unknown_of_point(static_cast<int>(p)));
     for (std::size_t k = 0; k < to.constants.size(); ++k)
       to.constants[k] = from.constants[k] + of(std::integral_constant<int, Constants<G>::RowsAtCompileTime>(),
                                                problem_.unknown_of_constants(static_cast<int>(k)));

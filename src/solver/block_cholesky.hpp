@@ -128,7 +128,8 @@ class BlockCholesky {
 
   /// Block (i, j) of H^-1, in time of the paths of i and j to the root of the elimination tree.
   Eigen::MatrixXd covariance(int i, int j) const;
-  /// Covariance of several blocks stacked, each named once, in time of their paths to the root and the square of their rows.
+  /// Covariance of several blocks stacked, each named once, in time of their paths to the root and the square of their
+  /// rows.
   Eigen::MatrixXd joint_covariance(const std::vector<int>& blocks) const;
 
  private:

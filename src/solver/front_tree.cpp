@@ -176,8 +176,7 @@ std::vector<int> FrontTree::order(const std::vector<int>& top, const std::vector
                                   std::span<const int> last) {
   ++serial_;
   std::vector<int> first, held_back;
-  for (const int u : top)
-    (std::find(last.begin(), last.end(), u) == last.end() ? first : held_back).push_back(u);
+  for (const int u : top) (std::find(last.begin(), last.end(), u) == last.end() ? first : held_back).push_back(u);
   std::vector<int> sizes;
   for (const int u : first) {
     where_[at(u)] = static_cast<int>(sizes.size());
@@ -359,7 +358,8 @@ void FrontTree::add_term_to(Front& front, const LinearTerm& term) const {
         for (int c = 0; c < columns; ++c) {
           double* to = column_of(front, to_column + c) + to_row;
           for (int r = 0; r < rows; ++r)
-            to[r] += from_row >= from_column ? term.H(from_row + r, from_column + c) : term.H(from_column + c, from_row + r);
+            to[r] +=
+                from_row >= from_column ? term.H(from_row + r, from_column + c) : term.H(from_column + c, from_row + r);
         }
       from_row += rows;
     }

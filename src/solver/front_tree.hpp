@@ -1,12 +1,13 @@
-// FrontTree: a Cholesky factorisation that changes piece by piece: the normal equations H x = b of a problem that grows.
+// FrontTree: a Cholesky factorisation that changes piece by piece: the normal equations H x = b of a problem that
+// grows.
 //
-// H is a sum of small dense terms, one per factor. The factorisation is kept as a tree of fronts, each with the update it
-// hands to its parent. A term that comes or goes takes apart the paths from its unknowns to the root; what hangs below stays
-// as it is, and the top is ordered again (as iSAM2 does: Kaess et al., IJRR 2012). A term whose values change is factored
-// again in place. Solutions are handed down only as far as they change.
+// H is a sum of small dense terms, one per factor. The factorisation is kept as a tree of fronts, each with the update
+// it hands to its parent. A term that comes or goes takes apart the paths from its unknowns to the root; what hangs
+// below stays as it is, and the top is ordered again (as iSAM2 does: Kaess et al., IJRR 2012). A term whose values
+// change is factored again in place. Solutions are handed down only as far as they change.
 //
-// Fronts are never changed once factored, only replaced: FactoredTree is a look at all of them as they are now, and stays what
-// it is while the tree goes on.
+// Fronts are never changed once factored, only replaced: FactoredTree is a look at all of them as they are now, and
+// stays what it is while the tree goes on.
 #pragma once
 
 #include <convoy/solver/index.hpp>
@@ -27,11 +28,12 @@ struct LinearTerm {
   Eigen::VectorXd b;
 };
 
-/// A factorisation for questions about covariances. Not to be used from two threads at once, but independent of its tree.
+/// A factorisation for questions about covariances. Not to be used from two threads at once, but independent of its
+/// tree.
 class FactoredTree {
  public:
-  /// Block (i, j) of H^-1. Both must have been in the tree. The first question about an unknown takes the time of its path to
-  /// the root, those that follow only that of a product.
+  /// Block (i, j) of H^-1. Both must have been in the tree. The first question about an unknown takes the time of its
+  /// path to the root, those that follow only that of a product.
   Eigen::MatrixXd covariance(int i, int j) const;
   /// Of several unknowns stacked.
   Eigen::MatrixXd joint_covariance(const std::vector<int>& unknowns) const;
@@ -46,8 +48,8 @@ class FactoredTree {
     std::vector<double> panel, update;
   };
   struct Path {
-    std::vector<int> fronts;           ///< from the unknown's own to the root
-    std::vector<Eigen::MatrixXd> half; ///< rows of L^-1 E, E the columns of the unknown, front by front
+    std::vector<int> fronts;            ///< from the unknown's own to the root
+    std::vector<Eigen::MatrixXd> half;  ///< rows of L^-1 E, E the columns of the unknown, front by front
   };
   const Path& path_of(int unknown) const;
   Path half_solved(int unknown) const;
@@ -74,15 +76,17 @@ class FrontTree {
   /// Other values of the same unknowns.
   void change_term(int term, LinearTerm value);
   void remove_term(int term);
-  /// Its solution counts from zero again, since the caller has moved the point it is relative to: all of its terms change.
+  /// Its solution counts from zero again, since the caller has moved the point it is relative to: all of its terms
+  /// change.
   void reset(int unknown);
 
   struct Report {
-    int fronts = 0;       ///< that were factored
-    bool failed = false;  ///< not positive definite: the solution is the one before, and the next update factors everything
+    int fronts = 0;  ///< that were factored
+    bool failed =
+        false;  ///< not positive definite: the solution is the one before, and the next update factors everything
   };
-  /// Factors what has changed and solves. `last`: unknowns that are soon to be spoken of again, eliminated after all others
-  /// that are ordered now. Steps that change by less than `propagate` in every component are not handed down.
+  /// Factors what has changed and solves. `last`: unknowns that are soon to be spoken of again, eliminated after all
+  /// others that are ordered now. Steps that change by less than `propagate` in every component are not handed down.
   Report update(std::span<const int> last, double propagate);
 
   /// The solution of H x = b.
@@ -139,7 +143,7 @@ class FrontTree {
   std::vector<Node> nodes_;
   std::vector<int> free_nodes_, roots_;
   std::vector<int> joining_, leaving_;  ///< unknowns that enter or leave the tree at the next update
-  std::vector<int> marked_;      ///< nodes with a mark, parents before children
+  std::vector<int> marked_;             ///< nodes with a mark, parents before children
   std::vector<int> moved_;
   std::vector<int> where_, stamp_, moved_at_;  ///< scratch, by unknown
   std::vector<int> rows_;                      ///< scratch

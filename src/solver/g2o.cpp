@@ -213,7 +213,8 @@ template <class G>
 PoseGraph<G> graph_of(const G2oFile& file) {
   PoseGraph<G> graph;
   for (const auto& v : file.vertices) graph.poses.push_back(v.pose.empty() ? G() : from_numbers(v.pose, G()));
-  for (const auto& e : file.edges) graph.factors.push_back({e.from, e.to, from_numbers(e.measured, G()), e.information});
+  for (const auto& e : file.edges)
+    graph.factors.push_back({e.from, e.to, from_numbers(e.measured, G()), e.information});
   return graph;
 }
 

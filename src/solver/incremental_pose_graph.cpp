@@ -111,7 +111,8 @@ LinearTerm IncrementalPoseGraph<G>::linear(const PoseFactor<G>& f) const {
   l.linearise(params_.residual, f, linearised_[at(f.from)], linearised_[at(f.to)]);
   if (f.from == 0) return {{unknown_of_[at(f.to)]}, l.H_to, l.b_to};
   if (f.to == 0) return {{unknown_of_[at(f.from)]}, l.H_from, l.b_from};
-  LinearTerm term{{unknown_of_[at(f.from)], unknown_of_[at(f.to)]}, Eigen::MatrixXd(2 * D, 2 * D), Eigen::VectorXd(2 * D)};
+  LinearTerm term{
+      {unknown_of_[at(f.from)], unknown_of_[at(f.to)]}, Eigen::MatrixXd(2 * D, 2 * D), Eigen::VectorXd(2 * D)};
   term.H.template topLeftCorner<D, D>() = l.H_from;
   term.H.template bottomLeftCorner<D, D>() = l.H_to_from;
   term.H.template bottomRightCorner<D, D>() = l.H_to;

@@ -1,8 +1,8 @@
 // A pose graph that grows: poses come in order, each with its factors, and only what they touch is solved again.
 //
-// What is kept between two updates is a FrontTree, with the newest pose last in the order of elimination. Poses that moved
-// far from where they were linearised are linearised again, in place. A pose that nothing but its odometry speaks of changes
-// nothing and waits outside the tree.
+// What is kept between two updates is a FrontTree, with the newest pose last in the order of elimination. Poses that
+// moved far from where they were linearised are linearised again, in place. A pose that nothing but its odometry speaks
+// of changes nothing and waits outside the tree.
 #pragma once
 
 #include <convoy/solver/front_tree.hpp>
@@ -81,8 +81,8 @@ class IncrementalPoseGraph {
   std::vector<G> linearised_;                 ///< where each pose is linearised
   std::vector<int> unknown_of_;               ///< of each pose; -1: not in the tree
   std::vector<int> pose_of_;                  ///< of each unknown
-  std::vector<int> waiting_;     ///< poses outside the tree, in order, each with its one factor to one before
-  std::vector<int> far_;         ///< poses to linearise again, sorted
+  std::vector<int> waiting_;  ///< poses outside the tree, in order, each with its one factor to one before
+  std::vector<int> far_;      ///< poses to linearise again, sorted
   FrontTree tree_;
   std::shared_ptr<const FactoredTree> factored_;  ///< null: not asked for since the last update
   IncrementalUpdate last_;

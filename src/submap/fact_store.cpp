@@ -95,10 +95,12 @@ template <class G>
 Insertion FactStore<G>::check(const ChainState<G>& s) const {
   Insertion ok = first_refusal(check_pose(s.pose, limits_), check_covariance(s.drift, limits_));
   if (ok != Insertion::inserted) return ok;
-  if (!std::isfinite(s.stamp_s) || !std::isfinite(s.abscissa_m) || !s.heading_lever.allFinite()) return Insertion::not_finite;
+  if (!std::isfinite(s.stamp_s) || !std::isfinite(s.abscissa_m) || !s.heading_lever.allFinite())
+    return Insertion::not_finite;
   // Metres driven, times how far away the place they were driven at is.
   const double longest = limits_.max_coordinate_m, farthest = longest * longest;
-  const bool in_range = s.abscissa_m >= 0.0 && s.abscissa_m <= longest && s.heading_lever.cwiseAbs().maxCoeff() <= farthest;
+  const bool in_range =
+      s.abscissa_m >= 0.0 && s.abscissa_m <= longest && s.heading_lever.cwiseAbs().maxCoeff() <= farthest;
   return in_range ? Insertion::inserted : Insertion::out_of_range;
 }
 
@@ -106,7 +108,8 @@ template <class G>
 Insertion FactStore<G>::check(const AnchorFact<G>& f) const {
   const auto& s = f.state;
   Insertion ok = first_refusal(check(f.key), check(s));
-  const bool at_origin = s.abscissa_m == 0.0 && s.drift.isZero(0.0) && s.pose.Log().isZero(0.0) && s.heading_lever.isZero(0.0);
+  const bool at_origin =
+      s.abscissa_m == 0.0 && s.drift.isZero(0.0) && s.pose.Log().isZero(0.0) && s.heading_lever.isZero(0.0);
   if (ok == Insertion::inserted && f.key.index == 0 && !at_origin) ok = Insertion::malformed;
   const std::uint64_t end_landmark = std::uint64_t{f.first_landmark} + f.landmark_count;
   if (ok == Insertion::inserted && end_landmark > std::uint64_t{limits_.max_index} + 1) ok = Insertion::out_of_range;
@@ -163,8 +166,8 @@ Insertion FactStore<G>::check(const PersistentDrift& p) const {
   const std::array<double, 5> sigmas{p.scale, p.heading_rad_per_m, p.tilt_rad, p.height_m, p.correlation_m};
   const auto all = [&](auto&& holds) { return std::all_of(sigmas.begin(), sigmas.end(), holds); };
   if (!p.up.allFinite() || !all([](double s) { return std::isfinite(s); })) return Insertion::not_finite;
-  const bool in_range = p.scale <= 1.0 && p.heading_rad_per_m <= 1.0 && p.tilt_rad <= 1.0 && p.height_m <= limits_.max_sigma_m &&
-                        p.correlation_m <= limits_.max_coordinate_m;
+  const bool in_range = p.scale <= 1.0 && p.heading_rad_per_m <= 1.0 && p.tilt_rad <= 1.0 &&
+                        p.height_m <= limits_.max_sigma_m && p.correlation_m <= limits_.max_coordinate_m;
   if (!in_range || !all([](double s) { return s >= 0.0; })) return Insertion::out_of_range;
   const bool complete = p.correlation_m > 0.0 && std::abs(p.up.norm() - 1.0) < 1e-6;
   const bool empty = p.correlation_m == 0.0 && p.up.isZero(0.0);
@@ -181,7 +184,8 @@ template <class G>
 Insertion FactStore<G>::check(const AssociationFact& f) const {
   Insertion ok = check(f.key);
   if (ok == Insertion::inserted && f.pairings.size() > limits_.max_pairings) ok = Insertion::out_of_range;
-  if (ok == Insertion::inserted && (f.pairings.empty() || canonical(f.pairings) != f.pairings)) ok = Insertion::malformed;
+  if (ok == Insertion::inserted && (f.pairings.empty() || canonical(f.pairings) != f.pairings))
+    ok = Insertion::malformed;
   for (const auto& [a, b] : f.pairings) {
     if (ok != Insertion::inserted) break;
     ok = a == b ? Insertion::malformed : first_refusal(check(a), check(b));
@@ -211,10 +215,12 @@ Insertion FactStore<G>::check(const AbsoluteFixFact<G>& f) const {
 
 template <class G>
 Insertion FactStore<G>::check(const EncounterFact<G>& f) const {
-  Insertion ok = first_refusal(check(f.key), check(Key{{f.other, 0}, f.anchor}), check(f.state), check_covariance(f.covariance, limits_));
+  Insertion ok = first_refusal(check(f.key), check(Key{{f.other, 0}, f.anchor}), check(f.state),
+                               check_covariance(f.covariance, limits_));
   if (ok == Insertion::inserted && f.other == f.key.chain.vehicle) ok = Insertion::malformed;
   if (ok == Insertion::inserted && !f.position.allFinite()) ok = Insertion::not_finite;
-  if (ok == Insertion::inserted && f.position.cwiseAbs().maxCoeff() > limits_.max_coordinate_m) ok = Insertion::out_of_range;
+  if (ok == Insertion::inserted && f.position.cwiseAbs().maxCoeff() > limits_.max_coordinate_m)
+    ok = Insertion::out_of_range;
   return ok;
 }
 
@@ -223,7 +229,8 @@ Insertion FactStore<G>::check(const WaypointFact<G>& f) const {
   Insertion ok = first_refusal(check(f.key), check(f.encounter), check(f.state));
   if (ok == Insertion::inserted && f.encounter.chain.vehicle == f.key.chain.vehicle) ok = Insertion::malformed;
   if (ok == Insertion::inserted && !f.mark.allFinite()) ok = Insertion::not_finite;
-  if (ok == Insertion::inserted && (f.mark.cwiseAbs().maxCoeff() > limits_.max_coordinate_m || f.anchor > limits_.max_index))
+  if (ok == Insertion::inserted &&
+      (f.mark.cwiseAbs().maxCoeff() > limits_.max_coordinate_m || f.anchor > limits_.max_index))
     ok = Insertion::out_of_range;
   return ok;
 }
@@ -231,7 +238,8 @@ Insertion FactStore<G>::check(const WaypointFact<G>& f) const {
 template <class G>
 Insertion FactStore<G>::insert(const AbsoluteFixFact<G>& f) {
   const Insertion result = keep(&Chain::absolute_fixes, FactKind::absolute_fix, f, check(f));
-  if (result == Insertion::inserted) announce(f.key.chain, FactKind::anchor, f.anchor + 1);  // a lost anchor is asked for
+  if (result == Insertion::inserted)
+    announce(f.key.chain, FactKind::anchor, f.anchor + 1);  // a lost anchor is asked for
   return result;
 }
 

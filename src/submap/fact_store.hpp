@@ -15,13 +15,13 @@ namespace convoy {
 /// Why a fact was not taken in. Anything but `inserted` leaves the store as it was.
 enum class Insertion : std::uint8_t {
   inserted,
-  duplicate,       ///< the same content was there already
-  conflict,        ///< another content stands under this key: its author broke the protocol
-  unknown_vehicle, ///< not on the roster
-  not_finite,      ///< a NaN or an infinity
-  not_covariance,  ///< a covariance that is not symmetric positive semidefinite
-  out_of_range,    ///< a position, abscissa, index or size beyond the plausible limits
-  malformed,       ///< empty or unordered pairings, a first anchor that is not the origin, vehicle 0
+  duplicate,        ///< the same content was there already
+  conflict,         ///< another content stands under this key: its author broke the protocol
+  unknown_vehicle,  ///< not on the roster
+  not_finite,       ///< a NaN or an infinity
+  not_covariance,   ///< a covariance that is not symmetric positive semidefinite
+  out_of_range,     ///< a position, abscissa, index or size beyond the plausible limits
+  malformed,        ///< empty or unordered pairings, a first anchor that is not the origin, vehicle 0
 };
 inline constexpr int insertion_count = 8;
 const char* to_string(Insertion result);

@@ -50,7 +50,11 @@ Hash hash_of(const AnchorFact<G>& f) {
 template <class G>
 Hash hash_of(const LandmarkFact<G>& f) {
   ContentHash h = start(FactKind::landmark, f.key);
-  h.add(f.anchor, 4).add(f.position).add(f.covariance).add(f.loading).add(static_cast<std::uint64_t>(f.descriptor.kind), 1);
+  h.add(f.anchor, 4)
+      .add(f.position)
+      .add(f.covariance)
+      .add(f.loading)
+      .add(static_cast<std::uint64_t>(f.descriptor.kind), 1);
   for (const std::uint8_t byte : f.descriptor.bytes) h.add(byte, 1);
   return h.value();
 }
@@ -109,12 +113,12 @@ std::vector<Pairing> canonical(std::vector<Pairing> pairings) {
   return pairings;
 }
 
-#define CONVOY_INSTANTIATE(G)                 \
-  template Hash hash_of(const AnchorFact<G>&);   \
-  template Hash hash_of(const LandmarkFact<G>&); \
-  template Hash hash_of(const PriorFact<G>&);    \
+#define CONVOY_INSTANTIATE(G)                       \
+  template Hash hash_of(const AnchorFact<G>&);      \
+  template Hash hash_of(const LandmarkFact<G>&);    \
+  template Hash hash_of(const PriorFact<G>&);       \
   template Hash hash_of(const AbsoluteFixFact<G>&); \
-  template Hash hash_of(const EncounterFact<G>&); \
+  template Hash hash_of(const EncounterFact<G>&);   \
   template Hash hash_of(const WaypointFact<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

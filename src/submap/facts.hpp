@@ -60,12 +60,13 @@ struct Descriptor {
 /// Where a vehicle's own SLAM says it is, and how uncertain the drift up to there is.
 template <class G>
 struct ChainState {
-  double stamp_s = 0.0;                                ///< the vehicle's own clock
-  double abscissa_m = 0.0;                             ///< curvilinear abscissa s since the epoch's start, >= 0
-  G pose;                                              ///< X^: T_slam_body
-  typename G::Covariance drift = G::Covariance::Zero();///< C, cumulative drift covariance (DESIGN eq. 2), slam frame
-  /// What a heading drift of 1 rad per metre would have amounted to by now: the sum of Ad_{X^} e_yaw ds, slam frame. Like C, it
-  /// lets anybody who holds two states know the effect in between (DESIGN B1.4). Zero if the chain states no such drift.
+  double stamp_s = 0.0;                                  ///< the vehicle's own clock
+  double abscissa_m = 0.0;                               ///< curvilinear abscissa s since the epoch's start, >= 0
+  G pose;                                                ///< X^: T_slam_body
+  typename G::Covariance drift = G::Covariance::Zero();  ///< C, cumulative drift covariance (DESIGN eq. 2), slam frame
+  /// What a heading drift of 1 rad per metre would have amounted to by now: the sum of Ad_{X^} e_yaw ds, slam frame.
+  /// Like C, it lets anybody who holds two states know the effect in between (DESIGN B1.4). Zero if the chain states no
+  /// such drift.
   typename G::Tangent heading_lever = G::Tangent::Zero();
 };
 
@@ -73,12 +74,12 @@ struct ChainState {
 struct PersistentDrift {
   double scale = 0.0;              ///< standard deviation of kappa: true distances are (1 + kappa) times what was said
   double heading_rad_per_m = 0.0;  ///< standard deviation of g: the true heading turns by g more per metre
-  /// In space only: components whose errors are bounded, since something (gravity, pressure) is measured all the time. Their
-  /// errors are an AR(1) process along the way, of this standard deviation and correlation exp(-ds / correlation_m); what the
-  /// drift of the chain says of them is not used.
-  double tilt_rad = 0.0;           ///< of roll and pitch each
-  double height_m = 0.0;           ///< of the height above the level of the chain's start
-  double correlation_m = 0.0;      ///< > 0 if one of them is bounded
+  /// In space only: components whose errors are bounded, since something (gravity, pressure) is measured all the time.
+  /// Their errors are an AR(1) process along the way, of this standard deviation and correlation exp(-ds /
+  /// correlation_m); what the drift of the chain says of them is not used.
+  double tilt_rad = 0.0;                         ///< of roll and pitch each
+  double height_m = 0.0;                         ///< of the height above the level of the chain's start
+  double correlation_m = 0.0;                    ///< > 0 if one of them is bounded
   Eigen::Vector3d up = Eigen::Vector3d::Zero();  ///< unit vector, slam frame; zero if none is bounded
   bool bounded() const { return tilt_rad > 0.0 || height_m > 0.0; }
   bool constant() const { return scale > 0.0 || heading_rad_per_m > 0.0; }
@@ -100,9 +101,9 @@ struct AnchorFact {
 template <class G>
 struct LandmarkFact {
   Key key;
-  std::uint32_t anchor = 0;                                           ///< index of the anchor, same chain
-  typename G::Point position = G::Point::Zero();                      ///< p_anchor [m]
-  typename G::PointCovariance covariance = G::PointCovariance::Zero();///< Cov(l | anchor) [m^2]
+  std::uint32_t anchor = 0;                                             ///< index of the anchor, same chain
+  typename G::Point position = G::Point::Zero();                        ///< p_anchor [m]
+  typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< Cov(l | anchor) [m^2]
   /// Landmarks of a batch were seen from one moving vehicle, so their errors have a part in common: for two of them
   /// Cov(l_i, l_j | anchor) = loading_i loading_j^T, and covariance - loading loading^T is what is a landmark's own.
   typename G::Loading loading = G::Loading::Zero();
@@ -116,17 +117,17 @@ struct LandmarkFact {
 template <class G>
 struct PriorFact {
   Key key;
-  bool known = false;                                        ///< false: mean is the identity, covariance zero
-  G mean;                                                    ///< T_common_slam
-  typename G::Covariance covariance = G::Covariance::Zero(); ///< of a right perturbation
+  bool known = false;                                         ///< false: mean is the identity, covariance zero
+  G mean;                                                     ///< T_common_slam
+  typename G::Covariance covariance = G::Covariance::Zero();  ///< of a right perturbation
   PersistentDrift persistent = {};
 };
 
 /// "These landmarks are the same": which, never how well (DESIGN R2). Selection demands pairs between two batches.
 using Pairing = std::pair<Key, Key>;  ///< canonical: first < second
 struct AssociationFact {
-  Key key;                      ///< of the author; two authors may state the same hypothesis
-  std::vector<Pairing> pairings;///< sorted, without repeats
+  Key key;                        ///< of the author; two authors may state the same hypothesis
+  std::vector<Pairing> pairings;  ///< sorted, without repeats
 };
 
 /// An author's last word on a hypothesis: a later index of the same author replaces an earlier one.
@@ -140,23 +141,23 @@ struct VerdictFact {
 template <class G>
 struct AbsoluteFixFact {
   Key key;
-  std::uint32_t anchor = 0;                          ///< index of the anchor, same chain
-  ChainState<G> state;                               ///< where the vehicle's own SLAM said it was at the fix
-  typename G::Point lever = G::Point::Zero();        ///< the antenna in the body frame [m]
-  typename G::Point position = G::Point::Zero();     ///< of the antenna, east-north(-up) of the fleet's datum [m]
+  std::uint32_t anchor = 0;                       ///< index of the anchor, same chain
+  ChainState<G> state;                            ///< where the vehicle's own SLAM said it was at the fix
+  typename G::Point lever = G::Point::Zero();     ///< the antenna in the body frame [m]
+  typename G::Point position = G::Point::Zero();  ///< of the antenna, east-north(-up) of the fleet's datum [m]
   typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< of position [m^2]
   Key anchor_key() const { return {key.chain, anchor}; }
 };
 
-/// One vehicle saw another one (F4): where the other's mark was in the body frame of the observer. Where the other was then, by
-/// its own SLAM, only the other can say: see WaypointFact. An encounter without one waits.
+/// One vehicle saw another one (F4): where the other's mark was in the body frame of the observer. Where the other was
+/// then, by its own SLAM, only the other can say: see WaypointFact. An encounter without one waits.
 template <class G>
 struct EncounterFact {
-  Key key;                  ///< of the observer
-  std::uint32_t anchor = 0; ///< index of the observer's last anchor before it
-  ChainState<G> state;      ///< where the observer's SLAM said it was
-  VehicleId other = 0;      ///< who was seen; not the observer
-  typename G::Point position = G::Point::Zero();                        ///< of the other's mark, body frame of the observer [m]
+  Key key;                                        ///< of the observer
+  std::uint32_t anchor = 0;                       ///< index of the observer's last anchor before it
+  ChainState<G> state;                            ///< where the observer's SLAM said it was
+  VehicleId other = 0;                            ///< who was seen; not the observer
+  typename G::Point position = G::Point::Zero();  ///< of the other's mark, body frame of the observer [m]
   typename G::PointCovariance covariance = G::PointCovariance::Zero();  ///< of position [m^2]
   Key anchor_key() const { return {key.chain, anchor}; }
 };
@@ -165,10 +166,10 @@ struct EncounterFact {
 template <class G>
 struct WaypointFact {
   Key key;
-  std::uint32_t anchor = 0;                    ///< index of the last anchor before it, same chain
+  std::uint32_t anchor = 0;  ///< index of the last anchor before it, same chain
   ChainState<G> state;
-  Key encounter;                               ///< what it answers
-  typename G::Point mark = G::Point::Zero();   ///< what others see of this vehicle, body frame [m]
+  Key encounter;                              ///< what it answers
+  typename G::Point mark = G::Point::Zero();  ///< what others see of this vehicle, body frame [m]
   Key anchor_key() const { return {key.chain, anchor}; }
 };
 

@@ -1,6 +1,6 @@
 // The sparse map against the paper's filter and against Eigen, on the same problem: two vehicles on laps beside each
-// other, two landmarks per bias, each seen by both. The filter has all covariances when it is done; the sparse map solves
-// for what is asked. Then the whole way from facts to the map, as a fleet grows.
+// other, two landmarks per bias, each seen by both. The filter has all covariances when it is done; the sparse map
+// solves for what is asked. Then the whole way from facts to the map, as a fleet grows.
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/ekf_map.hpp>
 #include <convoy/map/global_map.hpp>
@@ -104,12 +104,15 @@ void BM_sparse_map_by_blocks(benchmark::State& state) {
 }
 BENCHMARK(BM_sparse_map_by_blocks)->Arg(100)->Arg(1000)->Arg(10000)->Unit(benchmark::kMillisecond);
 
-// A fleet of range(0) vehicles with range(1) anchors each; the last batches come one by one, each with a hypothesis, and after
-// each the map is made anew. Counters: milliseconds from facts to map; the baseline is the other way to come to one.
+// A fleet of range(0) vehicles with range(1) anchors each; the last batches come one by one, each with a hypothesis,
+// and after each the map is made anew. Counters: milliseconds from facts to map; the baseline is the other way to come
+// to one.
 void grow(benchmark::State& state, bool incrementally) {
   const int vehicles = static_cast<int>(state.range(0)), anchors = static_cast<int>(state.range(1));
   const bench::MapFleet fleet(vehicles, anchors, vehicles * anchors / (anchors < 1000 ? 1 : 5),
-                              anchors < 1000 ? 2 + vehicles / 3 : vehicles < 100 ? 10 : 32);
+                              anchors < 1000   ? 2 + vehicles / 3
+                              : vehicles < 100 ? 10
+                                               : 32);
   const std::size_t news = std::min<std::size_t>(incrementally ? 200 : 3, fleet.hypotheses.size() / 2);
   FactStore<SE2> store = fleet.store(fleet.hypotheses.size() - news);
   const SparseMap<SE2> backend;
@@ -135,15 +138,16 @@ void grow(benchmark::State& state, bool incrementally) {
   state.counters["nodes"] = static_cast<double>(global.map->problem().nodes.size());
   state.counters["classes"] = static_cast<double>(global.selection.classes.size());
   state.counters["hypotheses"] = static_cast<double>(global.selection.hypotheses.size());
-  state.counters["left_out"] = static_cast<double>(
-      std::count_if(global.selection.hypotheses.begin(), global.selection.hypotheses.end(),
-                    [](const auto& h) { return h.state != HypothesisState::accepted; }));
+  state.counters["left_out"] =
+      static_cast<double>(std::count_if(global.selection.hypotheses.begin(), global.selection.hypotheses.end(),
+                                        [](const auto& h) { return h.state != HypothesisState::accepted; }));
   if (!global.map->report().converged) state.SkipWithError("the sparse map did not converge");
 }
 
 void BM_rebuild(benchmark::State& state) { grow(state, false); }
 void BM_update(benchmark::State& state) { grow(state, true); }
-#define CONVOY_FLEETS ->Args({1, 200})->Args({10, 200})->Args({10, 1000})->Args({100, 1000})->Iterations(1)->Unit(benchmark::kMillisecond)
+#define CONVOY_FLEETS \
+  ->Args({1, 200})->Args({10, 200})->Args({10, 1000})->Args({100, 1000})->Iterations(1)->Unit(benchmark::kMillisecond)
 BENCHMARK(BM_rebuild) CONVOY_FLEETS;
 BENCHMARK(BM_update) CONVOY_FLEETS;
 

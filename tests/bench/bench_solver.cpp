@@ -1,7 +1,7 @@
 // The factorisation against Eigen's scalar LDLT with AMD, on a street fleet of 100 vehicles with 1000 nodes each and,
 // if they are on this machine ($CONVOY_DATA_DIR, or ../shared/data beside the source tree), on public pose graphs.
-#include <Eigen/Cholesky>
 #include <sys/resource.h>
+#include <Eigen/Cholesky>
 #include <convoy/solver/block_cholesky.hpp>
 #include <convoy/solver/block_ordering.hpp>
 #include <convoy/solver/incremental_pose_graph.hpp>
@@ -29,7 +29,8 @@ std::size_t at(int i) { return static_cast<std::size_t>(i); }
 double held_MB(const EigenFactor& factor) {
   const auto& L = factor.matrixL().nestedExpression();
   const auto n = static_cast<double>(L.rows());
-  return 1e-6 * (static_cast<double>(L.nonZeros()) * (sizeof(double) + sizeof(int)) + n * (sizeof(double) + 3 * sizeof(int)));
+  return 1e-6 *
+         (static_cast<double>(L.nonZeros()) * (sizeof(double) + sizeof(int)) + n * (sizeof(double) + 3 * sizeof(int)));
 }
 
 template <int D>

@@ -52,7 +52,8 @@ class ScalarEquations {
   void add_term(std::span<const int> unknowns) {
     rows_.clear();
     for (const int u : unknowns)
-      for (int d = 0; d < sizes_[static_cast<std::size_t>(u)]; ++d) rows_.push_back(offsets_[static_cast<std::size_t>(u)] + d);
+      for (int d = 0; d < sizes_[static_cast<std::size_t>(u)]; ++d)
+        rows_.push_back(offsets_[static_cast<std::size_t>(u)] + d);
     for (Eigen::Index i = 0; i < term_.b.size(); ++i) {
       const Eigen::Index row = rows_[static_cast<std::size_t>(i)];
       gradient_[row] += term_.b[i];

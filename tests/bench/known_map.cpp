@@ -1,5 +1,5 @@
-// A yardstick for the live distances of an MR.CLAM run: the same sensors in a filter that is told the true map and its true
-// start. Whatever is known to the vehicles, no filter that runs forward in time has more to go by.
+// A yardstick for the live distances of an MR.CLAM run: the same sensors in a filter that is told the true map and its
+// true start. Whatever is known to the vehicles, no filter that runs forward in time has more to go by.
 //
 //   convoy_known_map MRCLAM_FOLDER [FROM_S]     distances from FROM_S on, default 250 s
 #include <convoy/geometry/chi2.hpp>
@@ -57,7 +57,9 @@ class KnownMapFilter {
   void see(const SensorEvent& event) {
     const auto landmark = map_.find(event.track);
     if (landmark == map_.end()) return;
-    if (const auto last = last_s_.find(event.track); last != last_s_.end() && event.t_s < last->second + sighting_interval_s) return;
+    if (const auto last = last_s_.find(event.track);
+        last != last_s_.end() && event.t_s < last->second + sighting_interval_s)
+      return;
     const Eigen::Vector2d y = pose_.inverse() * landmark->second;
     const double range = y.norm(), sigma_range = 0.1 + 0.05 * range;
     Eigen::Matrix2d polar;
@@ -98,7 +100,8 @@ std::map<int, Second> drive(const VehicleLog<SE2>& log, const std::vector<TruthL
     }
     filter->read(event);
     if (event.t_s < next) continue;
-    if (const auto truth = truth_at(log.truth, event.t_s)) seconds[next] = {filter->pose().translation(), truth->translation()};
+    if (const auto truth = truth_at(log.truth, event.t_s))
+      seconds[next] = {filter->pose().translation(), truth->translation()};
     next = static_cast<int>(std::floor(event.t_s)) + 1;
   }
   return seconds;
@@ -116,7 +119,8 @@ int main(int argc, char** argv) try {
     double sum = 0.0;
     for (const auto& [t, s] : driven[log.id]) sum += (s.estimate - s.truth).squaredNorm();
     std::printf("vehicle %u: position %.3f m RMSE over %zu s\n", log.id,
-                std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, driven[log.id].size()))), driven[log.id].size());
+                std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, driven[log.id].size()))),
+                driven[log.id].size());
   }
   for (const auto& [a, of_a] : driven)
     for (const auto& [b, of_b] : driven) {
@@ -129,7 +133,9 @@ int main(int argc, char** argv) try {
         sum += error * error;
         ++count;
       }
-      if (count > 0) std::printf("distance %u-%u: %.3f m RMSE over %d s from %d s on\n", a, b, std::sqrt(sum / count), count, from_s);
+      if (count > 0)
+        std::printf("distance %u-%u: %.3f m RMSE over %d s from %d s on\n", a, b, std::sqrt(sum / count), count,
+                    from_s);
     }
   return 0;
 } catch (const std::exception& error) {

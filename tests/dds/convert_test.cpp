@@ -103,7 +103,8 @@ AbsoluteFixFact<G> any_fix(const ChainState<G>& state) {
 
 TEST(Convert, AbsoluteFixRoundTrip) {
   const auto fact = any_fix<SE2>(any_state());
-  EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE2>>(round_trip<v1::AbsoluteFixPubSubType>(fact).payload)), hash_of(fact));
+  EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE2>>(round_trip<v1::AbsoluteFixPubSubType>(fact).payload)),
+            hash_of(fact));
 }
 
 template <class G>
@@ -123,9 +124,11 @@ WaypointFact<G> any_waypoint(const ChainState<G>& state) {
 
 TEST(Convert, EncounterAndWaypointRoundTrip) {
   const auto encounter = any_encounter<SE2>(any_state());
-  EXPECT_EQ(hash_of(std::get<EncounterFact<SE2>>(round_trip<v1::EncounterPubSubType>(encounter).payload)), hash_of(encounter));
+  EXPECT_EQ(hash_of(std::get<EncounterFact<SE2>>(round_trip<v1::EncounterPubSubType>(encounter).payload)),
+            hash_of(encounter));
   const auto waypoint = any_waypoint<SE2>(any_state());
-  EXPECT_EQ(hash_of(std::get<WaypointFact<SE2>>(round_trip<v1::WaypointPubSubType>(waypoint).payload)), hash_of(waypoint));
+  EXPECT_EQ(hash_of(std::get<WaypointFact<SE2>>(round_trip<v1::WaypointPubSubType>(waypoint).payload)),
+            hash_of(waypoint));
 }
 
 TEST(Convert, AHeadingLeverCostsNothingWhereThereIsNone) {
@@ -220,7 +223,8 @@ TEST(Convert, RequestRoundTrip) {
 
 TEST(Convert, DigestRoundTripKeepsTheOrderOfMarks) {
   Digest digest{2, {}, 1, 2, 3, 4};
-  for (const auto kind : {FactKind::anchor, FactKind::landmark, FactKind::verdict}) digest.marks.push_back({author, kind, 9, 8, 7});
+  for (const auto kind : {FactKind::anchor, FactKind::landmark, FactKind::verdict})
+    digest.marks.push_back({author, kind, 9, 8, 7});
   digest.marks.push_back({sender, FactKind::verdict, 6, 5, 4});
   digest.marks.push_back({sender, FactKind::anchor, 3, 2, 1});  // out of canonical order
   const auto message = round_trip<v1::DigestPubSubType>(digest);
@@ -243,7 +247,8 @@ TEST(Convert, ADigestOfTwoVehiclesIsSmall) {
       digest.marks.push_back({chain, kind, 9, 9, 9});
   const std::size_t without = size();
   EXPECT_LE(without, 300U);
-  digest.marks.push_back({author, FactKind::absolute_fix, 9, 9, 9});  // a kind costs those that have it: 4 + 4 + 8 bytes
+  digest.marks.push_back(
+      {author, FactKind::absolute_fix, 9, 9, 9});  // a kind costs those that have it: 4 + 4 + 8 bytes
   EXPECT_LE(size(), without + 24U);
 }
 
@@ -381,8 +386,10 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered().resize(9, 1); }), WireStatus::too_many);
   EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered().pop_back(); }), WireStatus::wrong_size);
   EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_shared().clear(); }), WireStatus::wrong_size);
-  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_points()[7] = std::numeric_limits<float>::infinity(); }), WireStatus::not_finite);
-  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_shared()[2] = std::numeric_limits<double>::quiet_NaN(); }), WireStatus::not_finite);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_points()[7] = std::numeric_limits<float>::infinity(); }),
+            WireStatus::not_finite);
+  EXPECT_EQ(status_of(pose, [](auto& s) { s.remembered_shared()[2] = std::numeric_limits<double>::quiet_NaN(); }),
+            WireStatus::not_finite);
   remembering.remembered.push_back(remembering.remembered[0]);
   EXPECT_EQ(to_wire(sender, remembering, pose), WireStatus::too_many);
   remembering.remembered.resize(1);
@@ -391,7 +398,8 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   EXPECT_EQ(status_of(pose, [](auto&) {}), WireStatus::not_finite);
 
   v1::Association association;
-  ASSERT_EQ(to_wire<SE2>(sender, AssociationFact{{author, 0}, {{{sender, 1}, {author, 1}}}}, association), WireStatus::ok);
+  ASSERT_EQ(to_wire<SE2>(sender, AssociationFact{{author, 0}, {{{sender, 1}, {author, 1}}}}, association),
+            WireStatus::ok);
   EXPECT_EQ(status_of(association, [](auto& s) { s.dimension(3); }), WireStatus::wrong_dimension);
   EXPECT_EQ(status_of(association, [](auto& s) { s.groups()[0].pairs().resize(4097); }), WireStatus::too_many);
   EXPECT_EQ(status_of(association, [](auto& s) { s.groups().resize(65, s.groups()[0]); }), WireStatus::too_many);
@@ -440,11 +448,13 @@ TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
     EXPECT_EQ(hash_of(anchor), anchor_hash);
     EXPECT_EQ(hash_of(prior), prior_hash);
     const auto fix = any_fix<SE3>(any_state_in_space());
-    EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE3>>(round_trip<v1::AbsoluteFixPubSubType, SE3>(fix).payload)), hash_of(fix));
+    EXPECT_EQ(hash_of(std::get<AbsoluteFixFact<SE3>>(round_trip<v1::AbsoluteFixPubSubType, SE3>(fix).payload)),
+              hash_of(fix));
     const auto got = std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(pose).payload);
     EXPECT_EQ(hash_of(AnchorFact<SE3>{{author, 3}, got.state}), hash_of(AnchorFact<SE3>{{author, 3}, pose.state}));
     const auto remembering = with_remembered(pose);
-    expect_same_remembered(std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(remembering).payload), remembering);
+    expect_same_remembered(std::get<LivePose<SE3>>(round_trip<v1::PosePubSubType, SE3>(remembering).payload),
+                           remembering);
   }
 }
 
@@ -483,11 +493,13 @@ TEST(ConvertInSpace, RefusesWhatIsOfThePlaneOrNoRotation) {
   EXPECT_EQ(spoilt([](v1::Bias& s) {
               for (std::size_t i = 3; i < 7; ++i) s.state().pose()[i] *= 1.0 + 1e-9;
             }),
-            WireStatus::out_of_range) << "too long";
+            WireStatus::out_of_range)
+      << "too long";
   EXPECT_EQ(spoilt([](v1::Bias& s) {
               for (std::size_t i = 3; i < 7; ++i) s.state().pose()[i] *= -1.0;
             }),
-            WireStatus::out_of_range) << "-q is q, and q has one form";
+            WireStatus::out_of_range)
+      << "-q is q, and q has one form";
   EXPECT_EQ(spoilt([](v1::Bias& s) {
               for (std::size_t i = 3; i < 7; ++i) s.state().pose()[i] = 0.0;
             }),

@@ -1,4 +1,5 @@
-// What the tests of the DDS layer share: a domain of one's own, the loopback profile, waiting with a deadline, children.
+// What the tests of the DDS layer share: a domain of one's own, the loopback profile, waiting with a deadline,
+// children.
 #pragma once
 
 #include <convoy/dds/dds_exchange.hpp>

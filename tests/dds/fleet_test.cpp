@@ -12,9 +12,7 @@
 namespace convoy::dds::testing {
 namespace {
 
-double steady_s() {
-  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
+double steady_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 /// A vehicle with its thread, that follows the script of the fleets in one thread.
 template <class G>
@@ -22,13 +20,14 @@ class Host {
  public:
   Host(VehicleId id, const DdsConfig& network)
       : script_(test::script_of<G>(id)),
-        vehicle_(params(id, script_[0].truth), slam_,
-                 [this, network] {
-                   auto exchange = std::make_unique<DdsExchange<G>>(network);
-                   exchange_ = exchange.get();
-                   return exchange;
-                 },
-                 steady_s) {
+        vehicle_(
+            params(id, script_[0].truth), slam_,
+            [this, network] {
+              auto exchange = std::make_unique<DdsExchange<G>>(network);
+              exchange_ = exchange.get();
+              return exchange;
+            },
+            steady_s) {
     vehicle_.configure();
     vehicle_.activate();
   }
@@ -81,11 +80,13 @@ TYPED_TEST(FleetOverDds, ThreeVehiclesFindEachOtherAndEndWithOneMap) {
   for (const auto& host : hosts) ASSERT_TRUE(host->exchange().wait_for_peers(2, deadline_s));
   for (const auto& host : hosts) host->drive();
   std::vector<VehicleSnapshot<G>> looks;
-  ASSERT_TRUE(eventually([&] {
-    looks.clear();
-    for (const auto& host : hosts) looks.push_back(host->look());
-    return one_map(looks);
-  }, 60.0));
+  ASSERT_TRUE(eventually(
+      [&] {
+        looks.clear();
+        for (const auto& host : hosts) looks.push_back(host->look());
+        return one_map(looks);
+      },
+      60.0));
   for (const VehicleSnapshot<G>& look : looks) {
     EXPECT_EQ(look.exchange.hostile + look.exchange.undecodable + look.exchange.send_rejected, 0U);
     EXPECT_EQ(look.submaps.dimension_mismatch, 0U);
@@ -104,9 +105,8 @@ TEST(FleetsOverDds, OfDifferentDimensionsInOneDomainRefuseEachOtherAloud) {
   ASSERT_TRUE(flat.exchange().wait_for_peers(1, deadline_s));
   flat.drive();
   spatial.drive();
-  EXPECT_TRUE(eventually([&] {
-    return flat.look().submaps.dimension_mismatch >= 2 && spatial.look().submaps.dimension_mismatch >= 2;
-  }));
+  EXPECT_TRUE(eventually(
+      [&] { return flat.look().submaps.dimension_mismatch >= 2 && spatial.look().submaps.dimension_mismatch >= 2; }));
   const auto a = flat.look();
   const auto b = spatial.look();
   EXPECT_EQ(a.submaps.facts_received, 0U);

@@ -2,17 +2,17 @@
 #include "../support/exchange_contract.hpp"
 #include "dds_testing.hpp"
 
+#include <convoy/idl/convoyPubSubTypes.h>
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/profile_file.hpp>
-#include <convoy/idl/convoyPubSubTypes.h>
 
+#include <fastdds/rtps/common/InstanceHandle.h>
+#include <fastdds/rtps/common/SerializedPayload.h>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
-#include <fastdds/rtps/common/InstanceHandle.h>
-#include <fastdds/rtps/common/SerializedPayload.h>
 
 #include <cstring>
 #include <limits>

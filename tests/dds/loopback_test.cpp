@@ -2,10 +2,10 @@
 #include "../support/exchange_contract.hpp"
 #include "dds_testing.hpp"
 
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <gmock/gmock.h>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 
 #include <unistd.h>
 
@@ -126,13 +126,13 @@ TEST(Loopback, NothingLeavesAndTheByteCountIsTheKernels) {
   // Two vehicles in one namespace; lines for the first one go through a named pipe, lines for the second one directly.
   const std::string directory = ::testing::TempDir() + "convoy_netns_" + std::to_string(getpid());
   std::filesystem::create_directories(directory);
-  const std::string script =
-      "set -e; d=" + directory +
-      "; mkfifo $d/1; ip link set lo up; ip link add veth0 type veth peer name veth1;"
-      "for i in veth0 veth1; do sysctl -qw net.ipv6.conf.$i.disable_ipv6=1 2>/dev/null || true; ip link set $i up; done;"
-      "ip addr add 10.99.0.1/24 dev veth0; ip route add 224.0.0.0/4 dev veth0; "
-      "echo namespace; " +
-      both;
+  const std::string script = "set -e; d=" + directory +
+                             "; mkfifo $d/1; ip link set lo up; ip link add veth0 type veth peer name veth1;"
+                             "for i in veth0 veth1; do sysctl -qw net.ipv6.conf.$i.disable_ipv6=1 2>/dev/null || true; "
+                             "ip link set $i up; done;"
+                             "ip addr add 10.99.0.1/24 dev veth0; ip route add 224.0.0.0/4 dev veth0; "
+                             "echo namespace; " +
+                             both;
   Child second({"unshare", "-n", "sh", "-c", script});
   const std::string first_line = second.hear();
   if (first_line != "namespace") {

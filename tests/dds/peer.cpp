@@ -5,7 +5,8 @@
 //   pair N            sends one association of N pairings, prints "paired N" or "not paired"
 //   expect N          takes until N different facts are held, prints "held N" (what is held at the deadline)
 //   bytes             prints "bytes RTPS HEADERS DATAGRAMS"
-//   dev               prints what the kernel has sent: per interface "NAME BYTES PACKETS", then "udp 0 DATAGRAMS", "end"
+//   dev               prints what the kernel has sent: per interface "NAME BYTES PACKETS", then "udp 0 DATAGRAMS",
+//   "end"
 #include <convoy/dds/dds_exchange.hpp>
 #include <convoy/geometry/se2.hpp>
 
@@ -29,7 +30,8 @@ void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count) {
   while (held.size() < count && std::chrono::steady_clock::now() < deadline) {
     if (!exchange.wait_for_messages(0.1)) continue;
     for (const auto& message : exchange.take(0.0)) {
-      if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload)) held.insert({FactKind::anchor, anchor->key});
+      if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload))
+        held.insert({FactKind::anchor, anchor->key});
       if (const auto* association = std::get_if<AssociationFact>(&message.payload))
         held.insert({FactKind::association, association->key});
     }
@@ -112,11 +114,13 @@ int main(int argc, char** argv) {
     std::uint32_t first = 0, count = 0;
     words >> verb >> first >> count;
     if (verb == "peers") {
-      std::cout << (exchange.wait_for_peers(first, deadline_s) ? "peers " + std::to_string(first) : "no peers") << std::endl;
+      std::cout << (exchange.wait_for_peers(first, deadline_s) ? "peers " + std::to_string(first) : "no peers")
+                << std::endl;
     } else if (verb == "send") {
       std::cout << "sent " << send(exchange, vehicle, first, count) << std::endl;
     } else if (verb == "pair") {
-      std::cout << (send_association(exchange, vehicle, first) ? "paired " + std::to_string(first) : "not paired") << std::endl;
+      std::cout << (send_association(exchange, vehicle, first) ? "paired " + std::to_string(first) : "not paired")
+                << std::endl;
     } else if (verb == "expect") {
       expect(exchange, held, first);
       std::cout << "held " << held.size() << std::endl;

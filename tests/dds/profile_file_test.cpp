@@ -63,8 +63,9 @@ TEST(ProfileFile, MissingParticipantProfileIsNamed) {
 }
 
 TEST(ProfileFile, MissingWriterProfileIsNamed) {
-  EXPECT_THAT(refusal("data_writer profile_name=\"convoy/v1/Verdict\"", "data_writer profile_name=\"convoy/v1/Verdikt\""),
-              HasSubstr("no data_writer profile 'convoy/v1/Verdict'"));
+  EXPECT_THAT(
+      refusal("data_writer profile_name=\"convoy/v1/Verdict\"", "data_writer profile_name=\"convoy/v1/Verdikt\""),
+      HasSubstr("no data_writer profile 'convoy/v1/Verdict'"));
 }
 
 TEST(ProfileFile, MissingReaderProfileIsNamed) {
@@ -73,7 +74,8 @@ TEST(ProfileFile, MissingReaderProfileIsNamed) {
 }
 
 TEST(ProfileFile, DoubledProfileHasALine) {
-  const std::string refused = refusal("data_writer profile_name=\"convoy/v1/Landmark\"", "data_writer profile_name=\"convoy/v1/Bias\"");
+  const std::string refused =
+      refusal("data_writer profile_name=\"convoy/v1/Landmark\"", "data_writer profile_name=\"convoy/v1/Bias\"");
   EXPECT_THAT(refused, HasSubstr("a second data_writer profile 'convoy/v1/Bias'"));
   EXPECT_THAT(refused, ::testing::ContainsRegex("\\.xml:[0-9]+: "));
 }

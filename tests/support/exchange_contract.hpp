@@ -205,8 +205,8 @@ TYPED_TEST_P(ExchangeContract, APeerMayLeaveAtAnyTime) {
 }
 
 REGISTER_TYPED_TEST_SUITE_P(ExchangeContract, DeliversToEveryPeerAndNeverToOneself, KeepsTheOrderOfASender,
-                            TakeDoesNotBlockAndGivesAMessageOnce, BothWays, CarriesAbsoluteFixesToTheBit, CarriesEncountersAndWaypointsToTheBit,
-                            CountsWhatIsSentAndTaken, LateJoinerGetsFactsWhereTheNetworkKeepsThem,
-                            APeerMayLeaveAtAnyTime);
+                            TakeDoesNotBlockAndGivesAMessageOnce, BothWays, CarriesAbsoluteFixesToTheBit,
+                            CarriesEncountersAndWaypointsToTheBit, CountsWhatIsSentAndTaken,
+                            LateJoinerGetsFactsWhereTheNetworkKeepsThem, APeerMayLeaveAtAnyTime);
 
 }  // namespace convoy::testing

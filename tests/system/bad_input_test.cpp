@@ -39,9 +39,11 @@ class BadVehicle : public ::testing::Test {
  protected:
   void prepare(const std::string& vehicle, const std::string& sensors) {
     write(scratch_ / "sensors.csv", sensors);
-    write(scratch_ / "c.xml", "<convoy version=\"1\">\n  <vehicle id=\"1\" " + vehicle + "/>\n  <dds domain=\"" +
-                                  std::to_string(5 + getpid() % 14) + "\" profile=\"" CONVOY_SOURCE_FOLDER
-                                  "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"10\"/>\n</convoy>\n");
+    write(scratch_ / "c.xml",
+          "<convoy version=\"1\">\n  <vehicle id=\"1\" " + vehicle + "/>\n  <dds domain=\"" +
+              std::to_string(5 + getpid() % 14) +
+              "\" profile=\"" CONVOY_SOURCE_FOLDER
+              "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"10\"/>\n</convoy>\n");
   }
   std::string arguments() const { return "vehicle --until-end " + (scratch_ / "c.xml").string(); }
 
@@ -53,8 +55,8 @@ TEST_F(BadVehicle, ADamagedEpochFileIsNamedAndNoEpochIsUsed) {
   const Outcome first = run_convoy(arguments());
   ASSERT_EQ(first.status, 0) << first.output;
   const std::string good = read_text(scratch_ / "state/epoch");
-  for (const std::string& damaged : {std::string(), good.substr(0, 5), good.substr(0, good.size() - 1), std::string("1\n"),
-                                     std::string("\0\0\0\0", 4), "-" + good}) {
+  for (const std::string& damaged : {std::string(), good.substr(0, 5), good.substr(0, good.size() - 1),
+                                     std::string("1\n"), std::string("\0\0\0\0", 4), "-" + good}) {
     write(scratch_ / "state/epoch", damaged);
     expect_refusal(arguments(), "state/epoch:1: damaged, this is no epoch; delete the file");
     EXPECT_EQ(read_text(scratch_ / "state/epoch"), damaged);
@@ -83,7 +85,10 @@ TEST_F(BadVehicle, AHostileSensorLogIsNamedWithItsLine) {
   refused(sensors_header + "0,sonar,1,0,\n", "sensors.csv:2: the kind is 'sonar'");
   refused(sensors_header, "sensors.csv:1: no reading below the header");
   refused("", "sensors.csv:1: the file is empty");
-  refused(std::string("\x7f" "ELF\0\1\2\n\xff\xfe", 11), "sensors.csv:1: the first line is");
+  refused(std::string("\x7f"
+                      "ELF\0\1\2\n\xff\xfe",
+                      11),
+          "sensors.csv:1: the first line is");
   refused(sensors_header + good + std::string("\0\0\0\xff,\n", 6), "sensors.csv:3: the line has 2 fields");
   fs::remove(scratch_ / "sensors.csv");
   expect_refusal(arguments(), "sensors.csv: no such file");
@@ -118,7 +123,8 @@ TEST_F(BadVehicle, OneThatRunsAlreadyIsNamedAndKillingItFreesTheFolder) {
   Background first({"vehicle", (scratch_ / "c.xml").string()}, scratch_ / "output");
   ASSERT_TRUE(eventually([&] { return !read_text(scratch_ / "state/epoch").empty(); }));
   const std::string before = read_text(scratch_ / "state/epoch");
-  expect_refusal(arguments(), "this vehicle runs already, as process " + std::to_string(first.pid()) + "; stop that one");
+  expect_refusal(arguments(),
+                 "this vehicle runs already, as process " + std::to_string(first.pid()) + "; stop that one");
   EXPECT_EQ(read_text(scratch_ / "state/epoch"), before);
   first.send(SIGKILL);
   first.wait();
@@ -173,7 +179,9 @@ TEST(BadInput, APoseGraphThatHasNoSolutionIsRefusedAndNothingIsWritten) {
   refused("EDGE_SE2 0 1 1e308 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1e308 0 0 1 0 0 1 0 1\n", "not finite");
 }
 
-TEST(BadInput, AMissingConfigurationIsNamed) { expect_refusal("vehicle /nowhere/config.xml", "/nowhere/config.xml: no such file"); }
+TEST(BadInput, AMissingConfigurationIsNamed) {
+  expect_refusal("vehicle /nowhere/config.xml", "/nowhere/config.xml: no such file");
+}
 
 TEST(BadInput, AnUnknownEntryIsNamedWithItsLine) {
   const ScratchFolder scratch;
@@ -202,7 +210,8 @@ TEST(BadInput, BrokenXmlIsNamedWithItsLine) {
 TEST(BadInput, ACutSensorLogIsNamedWithItsLine) {
   const ScratchFolder scratch;
   write(scratch / "sensors.csv", "t_s,kind,a,b,c\n0,odometry,1,0,\n0.1,odometry,1");
-  write(scratch / "c.xml", "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  <sensors file=\"sensors.csv\"/>\n</convoy>\n");
+  write(scratch / "c.xml",
+        "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  <sensors file=\"sensors.csv\"/>\n</convoy>\n");
   expect_refusal("vehicle " + (scratch / "c.xml").string(), "sensors.csv:3");
 }
 

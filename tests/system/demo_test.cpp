@@ -103,8 +103,9 @@ TEST(Demo, ASpaceRunIsOfTheStreetAlone) {
 TEST(Demo, LossDuplicatesAndReorderingEndInTheSameMap) {
   const ScratchFolder scratch;
   const Outcome plain = run_convoy("demo --rate 20 --seed 2 --out " + (scratch / "plain").string());
-  const Outcome impaired = run_convoy("demo --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=0.2,jitter=2,seed=5 --out " +
-                                      (scratch / "impaired").string());
+  const Outcome impaired =
+      run_convoy("demo --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=0.2,jitter=2,seed=5 --out " +
+                 (scratch / "impaired").string());
   ASSERT_EQ(plain.status, 0) << plain.output;
   ASSERT_EQ(impaired.status, 0) << impaired.output;
   const json a = read_json(scratch / "plain/metrics.json"), b = read_json(scratch / "impaired/metrics.json");
@@ -117,8 +118,8 @@ TEST(Demo, LossDuplicatesAndReorderingEndInTheSameMap) {
 TEST(Demo, AVehicleThatIsKilledLeavesItsSubmapAndRejoins) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
-  auto demo = std::async(std::launch::async,
-                         [&] { return run_convoy("demo --rate 10 --restart-lost --out " + run.string()); });
+  auto demo =
+      std::async(std::launch::async, [&] { return run_convoy("demo --rate 10 --restart-lost --out " + run.string()); });
   ASSERT_TRUE(wait_for_rows(run / "vehicle_2/labels.csv", 40));
   const pid_t victim = vehicle_pid(run / "vehicle_2/config.xml");
   ASSERT_GT(victim, 1);
@@ -167,12 +168,14 @@ TEST(Demo, WhenNoneIsLeftItSaysSoAndFails) {
     ASSERT_GT(victim, 1);
     ASSERT_EQ(kill(victim, SIGKILL), 0);
     ASSERT_TRUE(eventually([&] {
-      return read_text(scratch / "output").find(std::string("vehicle ") + id + " is gone (signal 9)") != std::string::npos;
+      return read_text(scratch / "output").find(std::string("vehicle ") + id + " is gone (signal 9)") !=
+             std::string::npos;
     }));
   }
   EXPECT_EQ(demo.wait(), 1);
   const std::string output = read_text(scratch / "output");
-  EXPECT_NE(output.find("vehicle 1 is gone (signal 9); the others go on and keep its submap"), std::string::npos) << output;
+  EXPECT_NE(output.find("vehicle 1 is gone (signal 9); the others go on and keep its submap"), std::string::npos)
+      << output;
   EXPECT_NE(output.find("vehicle 2 is gone (signal 9); none is left"), std::string::npos) << output;
   EXPECT_EQ(output.find("share one map:"), std::string::npos) << output;
   EXPECT_EQ(output.find("started share one map"), std::string::npos) << output;

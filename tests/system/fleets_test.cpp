@@ -23,7 +23,8 @@ fs::path vehicle_one(const fs::path& folder) {
   sensors << "t_s,kind,a,b,c\n";
   for (int i = 0; i <= 120; ++i) sensors << 0.1 * i << ",odometry,1,0,\n";
   std::ofstream(folder / "c.xml")
-      << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <static_bias sigma_x_m=\"0.1\"/>\n  <dds domain=\""
+      << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <static_bias sigma_x_m=\"0.1\"/>\n  "
+         "<dds domain=\""
       << domain() << "\" profile=\"" CONVOY_SOURCE_FOLDER
       << "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"2\"/>\n</convoy>\n";
   return folder / "c.xml";
@@ -81,7 +82,8 @@ TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
   const fs::path run = scratch / "run";
   const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
   EXPECT_EQ(refused.status, 2);
-  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos) << refused.output;
+  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos)
+      << refused.output;
   EXPECT_FALSE(fs::exists(run));
   other.send(SIGKILL);
   other.wait();
@@ -98,7 +100,9 @@ TEST(Fleets, ADemoIntoWhichAnotherFleetBreaksSaysSoAndFails) {
   Background other({"vehicle", config.string()}, scratch / "one/output");
   EXPECT_EQ(demo.wait(), 1);
   const std::string output = read_text(scratch / "output");
-  EXPECT_NE(output.find("vehicle 1 is SUSPECT: somebody else speaks under its id on DDS domain " + domain()), std::string::npos) << output;
+  EXPECT_NE(output.find("vehicle 1 is SUSPECT: somebody else speaks under its id on DDS domain " + domain()),
+            std::string::npos)
+      << output;
   EXPECT_NE(output.find("Front vehicle is SUSPECT: "), std::string::npos) << output;  // in the headline, too
   EXPECT_TRUE(impersonated(read_json(run / "metrics.json")["vehicles"][0]));
 }

@@ -52,7 +52,8 @@ TEST(Readme, EveryCommandRuns) {
       if (!data) continue;
       line.replace(at, 13, (*data / "utias_mrclam/ds6").string());
     }
-    if (const auto at = line.find("GRAPH.g2o"); at != std::string::npos) line.replace(at, 9, square_graph(scratch).string());
+    if (const auto at = line.find("GRAPH.g2o"); at != std::string::npos)
+      line.replace(at, 9, square_graph(scratch).string());
     const Outcome outcome = run_shell("cd " + scratch.path().string() + " && " + CONVOY_PROGRAM + line.substr(6));
     EXPECT_EQ(outcome.status, 0) << line << "\n" << outcome.output;
     ++ran;

@@ -30,8 +30,8 @@ RangeBearingEkfParams front_end_params(const EkfSlamParams& p) {
   f.sigma_bearing_rad = f.sigma_elevation_rad = p.noise * p.sigma_bearing_rad;
   // In space, tilt and height keep their defaults: no noise is drawn for them, the surface turns the vehicle. On the
   // loop its pitch changes by 0.043 rad RMS over the 25 m of a segment, as much as a walk of 0.0085 rad/sqrt(m) would.
-  f.max_remembered = 0;      // the live pose is not judged here
-  f.trail_spacing_m = 0.0;   // anchors are
+  f.max_remembered = 0;     // the live pose is not judged here
+  f.trail_spacing_m = 0.0;  // anchors are
   return f;
 }
 
@@ -217,12 +217,14 @@ class FactMaker {
       for (std::size_t j = i + 1; j < batches.size(); ++j) {
         const auto prior = relative_prior(store, batches[i], batches[j]);
         if (prior && far_apart(*prior)) continue;
-        const auto found = associate(batch_of(store, batches[i]), batch_of(store, batches[j]), prior, AssociationParams{});
+        const auto found =
+            associate(batch_of(store, batches[i]), batch_of(store, batches[j]), prior, AssociationParams{});
         for (const std::vector<Pairing>& pairings : found.statements()) {
           if (!arrives()) continue;
           insert(AssociationFact{{chain(0), stated++}, pairings});
-          const auto right = std::count_if(pairings.begin(), pairings.end(),
-                                           [&](const Pairing& p) { return thing_of.at(p.first) == thing_of.at(p.second); });
+          const auto right = std::count_if(pairings.begin(), pairings.end(), [&](const Pairing& p) {
+            return thing_of.at(p.first) == thing_of.at(p.second);
+          });
           const bool is_true = 2 * static_cast<std::size_t>(right) > pairings.size();
           (is_true ? true_sets : false_sets).push_back(hypothesis_id(pairings));
         }

@@ -26,13 +26,13 @@ struct EkfSlamParams {
   double sigma_range_m = 0.3;
   double sigma_bearing_rad = 0.0087;  ///< 0.5 deg; in space of the elevation, too
   // Violations: the front end is not told.
-  double scale_error = 0.0;           ///< true distance per metre of odometry, minus 1
+  double scale_error = 0.0;  ///< true distance per metre of odometry, minus 1
   double gyro_bias_rad_per_m = 0.0;
-  double outliers = 0.0;              ///< share of sightings with a range and bearing of nothing
-  double loss = 0.0;                  ///< share of messages (an anchor, a batch, an association) that never arrive
+  double outliers = 0.0;  ///< share of sightings with a range and bearing of nothing
+  double loss = 0.0;      ///< share of messages (an anchor, a batch, an association) that never arrive
   double start_sigma_m = 9.0, start_sigma_rad = 0.3;  ///< static bias of the second vehicle on
   double gap_m = 20.0;
-  double repeat_m = 0.0;              ///< > 0: the street looks the same again after this length
+  double repeat_m = 0.0;  ///< > 0: the street looks the same again after this length
   double landmarks_per_metre = 0.4, landmark_spacing_m = 2.0;
 };
 
@@ -56,8 +56,8 @@ SlamRun<G> drive_ekf_slam(const EkfSlamParams& params, std::uint64_t seed, int r
 template <class G>
 std::vector<TrueTrack<G>> raw_tracks(const SlamRun<G>& run);
 
-/// The facts that the run amounts to under `drift`; every pair of batches through associate(); the global map of `backend`.
-/// Of the facts, the share `params.loss` is not there.
+/// The facts that the run amounts to under `drift`; every pair of batches through associate(); the global map of
+/// `backend`. Of the facts, the share `params.loss` is not there.
 template <class G>
 RunSample judge_ekf_slam(const SlamRun<G>& run, const EkfSlamParams& params, const DriftParams<G>& drift,
                          const Backend<G>& backend, std::uint64_t seed, int index);

@@ -94,7 +94,8 @@ class ExactFleetMaker {
 
   ChainId chain(int v) const { return {static_cast<VehicleId>(v + 1), 1}; }
   void insert(const auto& fact) {
-    if (fleet_.store.insert(fact) != Insertion::inserted) throw std::logic_error("consistency: a drawn fact was refused");
+    if (fleet_.store.insert(fact) != Insertion::inserted)
+      throw std::logic_error("consistency: a drawn fact was refused");
   }
   int anchors() const { return static_cast<int>(length_m(p_.path) / p_.anchor_spacing_m); }
 
@@ -118,7 +119,8 @@ class ExactFleetMaker {
       }
       aliases_.push_back({from + k, to + k, {}});
     }
-    for (std::size_t k = aliases_.size() - static_cast<std::size_t>(places); k < aliases_.size(); ++k) aliases_[k].copies = copies;
+    for (std::size_t k = aliases_.size() - static_cast<std::size_t>(places); k < aliases_.size(); ++k)
+      aliases_[k].copies = copies;
   }
 
   void drive(int v) {
@@ -201,8 +203,8 @@ class ExactFleetMaker {
       l.anchor = static_cast<std::uint32_t>(k);
       for (Eigen::Index c = 0; c < l.loading.size(); ++c)
         l.loading.data()[c] = p_.noise * p_.loading_sigma_m * draw_.normal();
-      l.covariance = symmetrised(typename G::PointCovariance(own * own * G::PointCovariance::Identity() +
-                                                             l.loading * l.loading.transpose()));
+      l.covariance = symmetrised(
+          typename G::PointCovariance(own * own * G::PointCovariance::Identity() + l.loading * l.loading.transpose()));
       l.position = T.inverse() * points_[i] + own * draw_.template unit_normal<G::Dim>() + l.loading * shared;
       insert(l);
       seen.landmark_of[i] = l.key;
@@ -226,7 +228,8 @@ class ExactFleetMaker {
       std::vector<Pairing> pairs;
       for (const auto& [original, copy] : alias.copies) {
         const auto i = a->second.landmark_of.find(original), j = b->second.landmark_of.find(copy);
-        if (i != a->second.landmark_of.end() && j != b->second.landmark_of.end()) pairs.emplace_back(i->second, j->second);
+        if (i != a->second.landmark_of.end() && j != b->second.landmark_of.end())
+          pairs.emplace_back(i->second, j->second);
       }
       state(std::move(pairs), fleet_.false_sets);
     }
@@ -281,7 +284,8 @@ DriftParams<G> matching_drift(const ExactModelParams& p, DriftModel model) {
 }
 
 template <class G>
-ExactFleet<G> draw_exact_fleet(const ExactModelParams& params, const DriftParams<G>& drift, std::uint64_t seed, int run) {
+ExactFleet<G> draw_exact_fleet(const ExactModelParams& params, const DriftParams<G>& drift, std::uint64_t seed,
+                               int run) {
   return ExactFleetMaker<G>(params, drift, seed, run).make();
 }
 

@@ -8,7 +8,7 @@ namespace {
 
 template <class G>
 struct Span {
-  typename G::Tangent error;     // Log(U^-1 T_a^-1 T_b)
+  typename G::Tangent error;                           // Log(U^-1 T_a^-1 T_b)
   typename G::Covariance by_translation, by_rotation;  // covariance per unit rate of each
 };
 
@@ -75,8 +75,7 @@ DriftParams<G> fit_literal(const std::vector<TrueTrack<G>>& calibration, double 
   return drift;
 }
 
-#define CONVOY_INSTANTIATE(G) \
-  template DriftParams<G> fit_literal(const std::vector<TrueTrack<G>>&, double);
+#define CONVOY_INSTANTIATE(G) template DriftParams<G> fit_literal(const std::vector<TrueTrack<G>>&, double);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli::consistency

@@ -16,12 +16,9 @@ struct Look {
   const char* color;
   const char* dash;
 };
-constexpr Look looks[] = {{"raw SLAM", "#7b8794", "2 3"},
-                          {"literal, sparse map", "#d62728", ""},
-                          {"literal, EKF map", "#d62728", "6 3"},
-                          {"literal, fitted noise, sparse map", "#ff7f0e", ""},
-                          {"local, EKF map", "#2ca02c", "6 3"},
-                          {"local, sparse map", "#2ca02c", ""}};
+constexpr Look looks[] = {{"raw SLAM", "#7b8794", "2 3"},         {"literal, sparse map", "#d62728", ""},
+                          {"literal, EKF map", "#d62728", "6 3"}, {"literal, fitted noise, sparse map", "#ff7f0e", ""},
+                          {"local, EKF map", "#2ca02c", "6 3"},   {"local, sparse map", "#2ca02c", ""}};
 
 SvgPlot::Style look_of(const std::string& model) {
   for (const Look& look : looks)
@@ -52,20 +49,23 @@ std::string drawing(const Rows& rows, const std::string& title, const std::funct
 std::string scenario_section(const std::string& heading, const Rows& rows) {
   const Summary& first = rows.front()->summary;
   std::string html = "<section><h2>" + xml_escaped(heading) + "</h2>\n<div class=\"row\">\n";
-  html += drawing(rows, "ANEES (1 is honest)", [](const CurvePoint& p) { return std::max(0.01, p.anees); },
-                  [&](SvgPlot& plot) {
-                    plot.log_y(0.1);
-                    plot.band(first.band_low, first.band_high, {"#2ca02c", 0.0, "", 0.2}, "95 % band");
-                  },
-                  true);
-  html += drawing(rows, "share of poses within their 95 % ellipsoid", [](const CurvePoint& p) { return p.coverage95; },
-                  [](SvgPlot& plot) {
-                    plot.y_range(0.0, 1.0);
-                    plot.band(0.93, 0.97, {"#2ca02c", 0.0, "", 0.2});
-                  },
-                  false);
-  html += drawing(rows, "position RMSE [m]", [](const CurvePoint& p) { return std::max(1e-3, p.pos_rmse_m); },
-                  [](SvgPlot& plot) { plot.log_y(0.01); }, false);
+  html += drawing(
+      rows, "ANEES (1 is honest)", [](const CurvePoint& p) { return std::max(0.01, p.anees); },
+      [&](SvgPlot& plot) {
+        plot.log_y(0.1);
+        plot.band(first.band_low, first.band_high, {"#2ca02c", 0.0, "", 0.2}, "95 % band");
+      },
+      true);
+  html += drawing(
+      rows, "share of poses within their 95 % ellipsoid", [](const CurvePoint& p) { return p.coverage95; },
+      [](SvgPlot& plot) {
+        plot.y_range(0.0, 1.0);
+        plot.band(0.93, 0.97, {"#2ca02c", 0.0, "", 0.2});
+      },
+      false);
+  html += drawing(
+      rows, "position RMSE [m]", [](const CurvePoint& p) { return std::max(1e-3, p.pos_rmse_m); },
+      [](SvgPlot& plot) { plot.log_y(0.01); }, false);
   html += "</div>\n<ul>\n";
   for (const Row* row : rows)
     html += "<li><b>" + xml_escaped(row->model) + "</b>: ANEES " + fixed(row->summary.anees, 2) + ", coverage " +
@@ -75,8 +75,9 @@ std::string scenario_section(const std::string& heading, const Rows& rows) {
 }
 
 std::string demand_table(const ConsistencyResult& result) {
-  std::string html = "<div class=\"scroll\"><table><tr><th class=\"text\">asked of the estimator</th><th class=\"text\">figure asked"
-                     "</th><th class=\"text\">measured</th><th class=\"text\"></th><th class=\"text\">why</th></tr>\n";
+  std::string html =
+      "<div class=\"scroll\"><table><tr><th class=\"text\">asked of the estimator</th><th class=\"text\">figure asked"
+      "</th><th class=\"text\">measured</th><th class=\"text\"></th><th class=\"text\">why</th></tr>\n";
   for (const Demand& d : result.demands)
     html += "<tr>" + text_cell(d.what) + text_cell(d.asked) + text_cell(d.measured) + met_cell(d.met) +
             text_cell(d.met ? "" : d.reason) + "</tr>\n";
@@ -84,18 +85,21 @@ std::string demand_table(const ConsistencyResult& result) {
 }
 
 std::string control_table(const ConsistencyResult& result) {
-  std::string html = "<div class=\"scroll\"><table><tr><th class=\"text\">control</th><th class=\"text\">measured</th>"
-                     "<th class=\"text\"></th></tr>\n";
+  std::string html =
+      "<div class=\"scroll\"><table><tr><th class=\"text\">control</th><th class=\"text\">measured</th>"
+      "<th class=\"text\"></th></tr>\n";
   for (const Control& c : result.controls)
-    html += "<tr>" + text_cell(c.what) + text_cell(c.measured) +
-            (c.failed ? "<td class=\"text\">fails, as it must</td>" : "<td class=\"text miss\">passes, and must not</td>") +
-            "</tr>\n";
+    html +=
+        "<tr>" + text_cell(c.what) + text_cell(c.measured) +
+        (c.failed ? "<td class=\"text\">fails, as it must</td>" : "<td class=\"text miss\">passes, and must not</td>") +
+        "</tr>\n";
   return html + "</table></div>\n";
 }
 
 std::string row_table(const ConsistencyResult& result) {
   std::string html = "<div class=\"scroll\"><table><tr>";
-  for (const char* head : {"model", "", "simulator", "scenario"}) html += std::string("<th class=\"text\">") + head + "</th>";
+  for (const char* head : {"model", "", "simulator", "scenario"})
+    html += std::string("<th class=\"text\">") + head + "</th>";
   for (const char* head : {"runs", "ANEES", "95 % interval", "steps in band", "coverage", "position RMSE [m]",
                            "distance RMSE [m]", "false fusions", "true dropped"})
     html += std::string("<th>") + head + "</th>";
@@ -115,9 +119,11 @@ std::string row_table(const ConsistencyResult& result) {
 }
 
 std::string misses(const ConsistencyResult& result) {
-  const auto count = std::count_if(result.demands.begin(), result.demands.end(), [](const Demand& d) { return !d.met; });
+  const auto count =
+      std::count_if(result.demands.begin(), result.demands.end(), [](const Demand& d) { return !d.met; });
   if (count == 0) return "Nothing that is asked is missed.";
-  return std::to_string(count) + (count == 1 ? " figure that is asked is missed" : " figures that are asked are missed") +
+  return std::to_string(count) +
+         (count == 1 ? " figure that is asked is missed" : " figures that are asked are missed") +
          "; the table names " + (count == 1 ? "it." : "them.");
 }
 
@@ -127,13 +133,14 @@ std::string consistency_page(const ConsistencyResult& result) {
   std::string html = page_begin("convoy: consistency") + "<h1>Consistency</h1>\n<p class=\"lead\">";
   html += result.pass() ? "The estimator passes, and every negative control fails. "
                         : "<span class=\"miss\">The suite does not pass.</span> ";
-  html += xml_escaped(misses(result)) + "</p>\n<p class=\"source\">" + std::to_string(result.options.runs) +
-          " runs of each scenario, seed " + std::to_string(result.options.seed) + "; noise fitted on " +
-          "runs of seed " + std::to_string(result.calibration_seed) +
-          "; intervals by 1000 bootstrap draws over runs, seed " + std::to_string(result.options.seed) +
-          ". Error in tangent space, r = Log(T^⁻¹ T); ANEES = mean of r^T P⁻¹ r / d. A step is one vehicle at one "
-          "distance; its band is the 95 % interval of chi-square with runs times d degrees of freedom. Drawings pool the "
-          "vehicles of a run.</p>\n";
+  html +=
+      xml_escaped(misses(result)) + "</p>\n<p class=\"source\">" + std::to_string(result.options.runs) +
+      " runs of each scenario, seed " + std::to_string(result.options.seed) + "; noise fitted on " + "runs of seed " +
+      std::to_string(result.calibration_seed) + "; intervals by 1000 bootstrap draws over runs, seed " +
+      std::to_string(result.options.seed) +
+      ". Error in tangent space, r = Log(T^⁻¹ T); ANEES = mean of r^T P⁻¹ r / d. A step is one vehicle at one "
+      "distance; its band is the 95 % interval of chi-square with runs times d degrees of freedom. Drawings pool the "
+      "vehicles of a run.</p>\n";
   html += "<section><h2>What is asked, and what was measured</h2>\n" + demand_table(result) + "</section>\n";
   html += "<section><h2>Negative controls</h2>\n<p>The same test on a covariance or a model that is wrong.</p>\n" +
           control_table(result) + "</section>\n";
@@ -148,7 +155,8 @@ std::string consistency_page(const ConsistencyResult& result) {
     for (const Row& row : result.rows)
       if (same(row)) rows.push_back(&row);
     if (rows.size() < 2) continue;
-    html += scenario_section(std::to_string(rows.front()->dim) + "-D, " + rows.front()->simulator + ": " + rows.front()->scenario, rows);
+    html += scenario_section(
+        std::to_string(rows.front()->dim) + "-D, " + rows.front()->simulator + ": " + rows.front()->scenario, rows);
   }
   html += real_drift_section(result.real_drift);
   html +=

@@ -1,4 +1,5 @@
-// The page of `convoy consistency`: verdict, demands, controls, drawings over distance, every row. Self-contained XHTML.
+// The page of `convoy consistency`: verdict, demands, controls, drawings over distance, every row. Self-contained
+// XHTML.
 #pragma once
 
 #include <string>

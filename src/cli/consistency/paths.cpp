@@ -6,8 +6,8 @@
 namespace convoy::cli::consistency {
 namespace {
 
-constexpr double overlap_m = 60.0;   // driven twice at the end
-constexpr double ahead_m = 100.0;    // how far beyond the drive the world of a straight goes on
+constexpr double overlap_m = 60.0;  // driven twice at the end
+constexpr double ahead_m = 100.0;   // how far beyond the drive the world of a straight goes on
 
 SE2 on_circle(double circumference_m, double abscissa_m) {
   return SE2::Exp({abscissa_m, 0.0, 2.0 * M_PI * abscissa_m / circumference_m});
@@ -93,7 +93,7 @@ std::vector<typename G::Point> points_along(Path path, double per_metre, double 
   return points;
 }
 
-#define CONVOY_INSTANTIATE(G)         \
+#define CONVOY_INSTANTIATE(G)          \
   template G pose_on<G>(Path, double); \
   template std::vector<G::Point> points_along<G>(Path, double, double, Draw&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)

@@ -18,8 +18,8 @@ enum class Path {
 };
 std::string to_string(Path path);
 
-double length_m(Path path);            ///< of one vehicle's drive
-double distinct_length_m(Path path);   ///< before the path comes back onto itself
+double length_m(Path path);           ///< of one vehicle's drive
+double distinct_length_m(Path path);  ///< before the path comes back onto itself
 double curvature_per_m(Path path, double abscissa_m);
 
 /// T_common_body at `abscissa_m` >= 0. In space with heights, pitches and rolls along it.

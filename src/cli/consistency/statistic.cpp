@@ -128,10 +128,10 @@ Summary summarise(const std::vector<RunSample>& runs, int dof, double covariance
   s.distance_rmse_m = distances == 0 ? std::numeric_limits<double>::quiet_NaN()
                                      : std::sqrt(squared_distance_error / static_cast<double>(distances));
   int in_band = 0;
-  for (const auto& [key, step] : by_step) {  // segments may differ from run to run: each step has its own number of runs
+  for (const auto& [key, step] :
+       by_step) {  // segments may differ from run to run: each step has its own number of runs
     const double freedom = static_cast<double>(step.count) * dof;
-    const bool inside =
-        step.nees >= chi2_quantile(0.025, freedom) && step.nees <= chi2_quantile(0.975, freedom);
+    const bool inside = step.nees >= chi2_quantile(0.025, freedom) && step.nees <= chi2_quantile(0.975, freedom);
     in_band += inside ? 1 : 0;
   }
   s.steps = static_cast<int>(by_step.size());
@@ -160,8 +160,8 @@ Summary summarise(const std::vector<RunSample>& runs, int dof, double covariance
   return s;
 }
 
-#define CONVOY_INSTANTIATE(G)                                            \
-  template RunSample judge(Map<G>&, const std::vector<TrueTrack<G>>&);   \
+#define CONVOY_INSTANTIATE(G)                                          \
+  template RunSample judge(Map<G>&, const std::vector<TrueTrack<G>>&); \
   template RunSample judge_raw(const std::vector<TrueTrack<G>>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -1,8 +1,8 @@
 // What "consistent" means here, as numbers (DESIGN B8).
 //
-// Per step: r = Log(T^^-1 T), NEES = r^T P^-1 r. Averaged over M runs and divided by d it lies, for an honest covariance, in
-// the band chi2_{Md}(0.025, 0.975) / (Md) at 95 % of the steps. Steps of one run are correlated, so the interval of the
-// mean over all steps is a bootstrap over runs, never over steps.
+// Per step: r = Log(T^^-1 T), NEES = r^T P^-1 r. Averaged over M runs and divided by d it lies, for an honest
+// covariance, in the band chi2_{Md}(0.025, 0.975) / (Md) at 95 % of the steps. Steps of one run are correlated, so the
+// interval of the mean over all steps is a bootstrap over runs, never over steps.
 #pragma once
 
 #include <convoy/geometry/groups.hpp>

@@ -41,7 +41,8 @@ std::string interval_words(const Summary& s) {
 class Suite {
  public:
   explicit Suite(const ConsistencyOptions& options) : start_(std::chrono::steady_clock::now()) {
-    if (options.runs < 2) throw ConfigError("--runs " + std::to_string(options.runs) + ": an average takes two runs or more");
+    if (options.runs < 2)
+      throw ConfigError("--runs " + std::to_string(options.runs) + ": an average takes two runs or more");
     result_.options = options;
     result_.calibration_seed = options.seed + calibration_offset;
   }
@@ -77,7 +78,8 @@ class Suite {
   template <class G>
   std::vector<RunSample> exact_samples(const ExactModelParams& params, const DriftParams<G>& drift,
                                        const Backend<G>& backend) {
-    return each_run(runs(), [&](int run) { return judge_stated(draw_exact_fleet(params, drift, seed(), run), backend); });
+    return each_run(runs(),
+                    [&](int run) { return judge_stated(draw_exact_fleet(params, drift, seed(), run), backend); });
   }
 
   static std::string scenario_of(const ExactModelParams& p) {
@@ -129,14 +131,14 @@ class Suite {
     result_.demands.push_back({dim + " exact model: ANEES in the 95 % band", ">= 90 % of the steps",
                                percent(v.steps_in_band) + " of " + std::to_string(v.steps) + " steps",
                                v.steps_in_band >= 0.90, true, ""});
-    result_.demands.push_back({dim + " exact model: poses within their 95 % ellipsoid", "93 to 97 %", percent(v.coverage95),
-                               v.coverage95 >= 0.93 && v.coverage95 <= 0.97, true, ""});
+    result_.demands.push_back({dim + " exact model: poses within their 95 % ellipsoid", "93 to 97 %",
+                               percent(v.coverage95), v.coverage95 >= 0.93 && v.coverage95 <= 0.97, true, ""});
   }
 
   void control(const std::string& what, const ExactVerdict& v) {
     result_.controls.push_back({what,
-                                "ANEES " + fixed(v.anees, 3) + ", " + percent(v.steps_in_band) + " of the steps in band, coverage " +
-                                    percent(v.coverage95),
+                                "ANEES " + fixed(v.anees, 3) + ", " + percent(v.steps_in_band) +
+                                    " of the steps in band, coverage " + percent(v.coverage95),
                                 !v.consistent()});
   }
 
@@ -146,10 +148,12 @@ class Suite {
     const ExactModelParams params;
     const std::string scenario = scenario_of(params);
     const auto row = [&](const char* model, const std::vector<RunSample>& samples, const char* remark) {
-      return add({model, G::Dim, "exact model", scenario, summarise(samples, G::Dof, 1.0, seed()), false, remark}).summary;
+      return add({model, G::Dim, "exact model", scenario, summarise(samples, G::Dof, 1.0, seed()), false, remark})
+          .summary;
     };
     const DriftParams<G> local = matching_drift<G>(params, DriftModel::local);
-    row("raw SLAM", each_run(runs(), [&](int run) { return judge_raw(draw_exact_fleet(params, local, seed(), run).tracks); }),
+    row("raw SLAM",
+        each_run(runs(), [&](int run) { return judge_raw(draw_exact_fleet(params, local, seed(), run).tracks); }),
         "Each vehicle alone, behind its static bias: honest, and nothing is gained from meeting.");
     row("local, EKF map", exact_samples(params, local, EkfMap<G>()),
         "One linearisation around a start 22 m and 0.3 rad wide, and landmarks of a batch taken as independent.");
@@ -160,7 +164,8 @@ class Suite {
     papers_own<G>(params, scenario);
     std::vector<TrueTrack<G>> tracks;
     for (int run = 0; run < calibration_runs; ++run)
-      for (auto& track : draw_exact_fleet(params, local, result_.calibration_seed, run).tracks) tracks.push_back(std::move(track));
+      for (auto& track : draw_exact_fleet(params, local, result_.calibration_seed, run).tracks)
+        tracks.push_back(std::move(track));
     row("literal, fitted noise, sparse map", exact_samples(params, fit_literal(tracks), SparseMap<G>()),
         "The additive bias with the constant covariance that fits 40 other runs of this very path best.");
   }
@@ -168,11 +173,12 @@ class Suite {
   template <class G>
   void papers_own(const ExactModelParams& params, const std::string& scenario) {
     const auto samples = exact_samples(params, matching_drift<G>(params, DriftModel::literal), EkfMap<G>());
-    add({"literal, EKF map", G::Dim, "exact model", scenario, summarise(samples, G::Dof, 1.0, seed()), false, "The paper's own method."});
+    add({"literal, EKF map", G::Dim, "exact model", scenario, summarise(samples, G::Dof, 1.0, seed()), false,
+         "The paper's own method."});
   }
 
-  // Errors that are no random walk: constants that the map estimates, and in space components that are bounded. Whoever does not
-  // say that they are there must fail.
+  // Errors that are no random walk: constants that the map estimates, and in space components that are bounded. Whoever
+  // does not say that they are there must fail.
   template <class G>
   void persistent_part(const std::string& dim) {
     ExactModelParams params;
@@ -184,11 +190,13 @@ class Suite {
     params.persistent.tilt_rad = 0.01;
     params.persistent.height_m = 0.3;
     params.persistent.correlation_m = 50.0;
-    persistent_rows<G>(dim, params, "tilt and height bounded", "what is up and how high it is is measured all the time");
+    persistent_rows<G>(dim, params, "tilt and height bounded",
+                       "what is up and how high it is is measured all the time");
   }
 
   template <class G>
-  void persistent_rows(const std::string& dim, const ExactModelParams& params, const std::string& words, const char* remark) {
+  void persistent_rows(const std::string& dim, const ExactModelParams& params, const std::string& words,
+                       const char* remark) {
     const std::string scenario = scenario_of(params) + ", " + words;
     DriftParams<G> drift = matching_drift<G>(params, DriftModel::local);
     const Summary told = summarise(exact_samples(params, drift, SparseMap<G>()), G::Dof, 1.0, seed());
@@ -198,10 +206,10 @@ class Suite {
     add({"local, persistent drift untold", G::Dim, "exact model", scenario, untold, false, "Taken for a random walk."});
     papers_own<G>(params, scenario);
     const ExactVerdict v = exact_verdict({told});
-    result_.demands.push_back({dim + " exact model, " + words + ": ANEES in the 95 % band, coverage",
-                               ">= 90 % of the steps, 93 to 97 %",
-                               percent(v.steps_in_band) + ", " + interval_words(told) + ", coverage " + percent(v.coverage95),
-                               v.consistent(), true, ""});
+    result_.demands.push_back(
+        {dim + " exact model, " + words + ": ANEES in the 95 % band, coverage", ">= 90 % of the steps, 93 to 97 %",
+         percent(v.steps_in_band) + ", " + interval_words(told) + ", coverage " + percent(v.coverage95), v.consistent(),
+         true, ""});
     control(dim + " " + words + ", untold", exact_verdict({untold}));
   }
 
@@ -210,15 +218,16 @@ class Suite {
     ExactModelParams params;
     params.path = Path::far_origin;
     params.vehicles = 1;
-    const Summary s = summarise(exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>()), G::Dof,
-                                1.0, seed());
+    const Summary s = summarise(exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>()),
+                                G::Dof, 1.0, seed());
     add({"local, sparse map", G::Dim, "exact model", scenario_of(params), s, true,
          "1.2 km without meeting anything: a covariance of first order would be a fifth too small."});
     papers_own<G>(params, scenario_of(params));
     const ExactVerdict v = exact_verdict({s});
-    result_.demands.push_back({dim + " exact model, 1 km of full drift: ANEES in the 95 % band", ">= 90 % of the steps",
-                               percent(v.steps_in_band) + ", " + interval_words(s) + ", coverage " + percent(v.coverage95),
-                               v.consistent(), true, ""});
+    result_.demands.push_back(
+        {dim + " exact model, 1 km of full drift: ANEES in the 95 % band", ">= 90 % of the steps",
+         percent(v.steps_in_band) + ", " + interval_words(s) + ", coverage " + percent(v.coverage95), v.consistent(),
+         true, ""});
   }
 
   // ---- sensors simulated, the rest real
@@ -272,8 +281,9 @@ class Suite {
           return judge_ekf_slam(driven[static_cast<std::size_t>(run)], scenario.params, drift, backend, seed(), run);
         });
       };
-      row("raw SLAM", each_run(count, [&](int run) { return judge_raw(raw_tracks(driven[static_cast<std::size_t>(run)])); }),
-          false, "Each vehicle's filter in its own start frame, behind its static bias.");
+      row("raw SLAM",
+          each_run(count, [&](int run) { return judge_raw(raw_tracks(driven[static_cast<std::size_t>(run)])); }), false,
+          "Each vehicle's filter in its own start frame, behind its static bias.");
       demand_ekf_slam(G::Dim, scenario,
                       row("local, sparse map", judged({}, SparseMap<G>()), true, "What ships, with its defaults."));
       DriftParams<G> literal;
@@ -299,21 +309,23 @@ class Suite {
 
   void demand_ekf_slam(int dim, const SlamScenario& scenario, const Summary& s) {
     const std::string what = (dim == 2 ? "" : std::to_string(dim) + "-D ") + ("EKF-SLAM, " + scenario.name) + ": ";
-    const char* reason =
-        s.anees < 0.6 ? "on the safe side: the default drift rate and landmark_inflation 2 come on top of noise that this SLAM states itself" : "";
+    const char* reason = s.anees < 0.6 ? "on the safe side: the default drift rate and landmark_inflation 2 come on "
+                                         "top of noise that this SLAM states itself"
+                                       : "";
     result_.demands.push_back({what + "ANEES with the defaults", "0.6 to 1.15", interval_words(s),
                                s.anees >= 0.6 && s.anees <= 1.15, scenario.of_verdict, reason});
     result_.demands.push_back(
         {what + "coverage", ">= 94 %", percent(s.coverage95), s.coverage95 >= 0.94, scenario.of_verdict, reason});
     if (scenario.params.repeat_m == 0.0)  // there, not to recognise each other is right
-      result_.demands.push_back({what + "runs in which the vehicles never recognise each other", "0",
-                               std::to_string(s.unlinked_runs) + " of " + std::to_string(s.runs),
-                               s.unlinked_runs == 0, false,
-                               scenario.params.loss > 0.0 ? "too few of the associations arrived to confirm each other" : ""});
+      result_.demands.push_back(
+          {what + "runs in which the vehicles never recognise each other", "0",
+           std::to_string(s.unlinked_runs) + " of " + std::to_string(s.runs), s.unlinked_runs == 0, false,
+           scenario.params.loss > 0.0 ? "too few of the associations arrived to confirm each other" : ""});
     if (scenario.params.repeat_m == 0.0)
-      result_.demands.push_back({what + "distance between vehicles that have, RMSE", "<= 0.15 m",
-                                 fixed(s.distance_rmse_m, 3) + " m", s.distance_rmse_m <= 0.15, scenario.of_verdict,
-                                 scenario.params.loss > 0.0 ? "fewer places in common have arrived; the covariance says so" : ""});
+      result_.demands.push_back(
+          {what + "distance between vehicles that have, RMSE", "<= 0.15 m", fixed(s.distance_rmse_m, 3) + " m",
+           s.distance_rmse_m <= 0.15, scenario.of_verdict,
+           scenario.params.loss > 0.0 ? "fewer places in common have arrived; the covariance says so" : ""});
     result_.demands.push_back({what + "classes that join different things", "0", std::to_string(s.false_fusions),
                                s.false_fusions == 0, false, reason});
   }
@@ -328,8 +340,8 @@ class Suite {
     for (const HalvesStudy& study : drift.halves)
       for (const HalvesRow& row : study.rows)
         if (row.fused && row.start != "unknown")
-          std::printf("real drift, %s as two vehicles, %s: position %.2f m, ANEES %.2f, coverage %.2f\n", study.name.c_str(),
-                      row.model.c_str(), row.ate_m, row.anees, row.coverage95);
+          std::printf("real drift, %s as two vehicles, %s: position %.2f m, ANEES %.2f, coverage %.2f\n",
+                      study.name.c_str(), row.model.c_str(), row.ate_m, row.anees, row.coverage95);
     std::fflush(stdout);
   }
 
@@ -346,17 +358,17 @@ class Suite {
       });
       const std::string scenario = agreeing ? "loop, a stretch of the street repeated: false sets that agree"
                                             : "loop, places that look alike: independent false sets";
-      const Summary s = add({"local, sparse map", 2, "exact model", scenario, summarise(samples, SE2::Dof, 1.0, seed()), true,
-                             "False sets of pairs are geometrically perfect copies and stated beside the true ones."})
-                            .summary;
+      const Summary s =
+          add({"local, sparse map", 2, "exact model", scenario, summarise(samples, SE2::Dof, 1.0, seed()), true,
+               "False sets of pairs are geometrically perfect copies and stated beside the true ones."})
+              .summary;
       const std::string share = std::to_string(s.true_dropped) + " of " + std::to_string(s.true_stated) + " (" +
                                 percent(s.true_dropped / std::max(1.0, static_cast<double>(s.true_stated))) + ")";
       result_.demands.push_back({scenario + ": false fusions", "0",
                                  std::to_string(s.false_fusions) + " of " + std::to_string(s.false_stated),
                                  s.false_fusions == 0, false, ""});
-      result_.demands.push_back({scenario + ": true sets dropped", "<= 2 %", share,
-                                 s.true_dropped <= 0.02 * s.true_stated, false,
-                                 ""});
+      result_.demands.push_back(
+          {scenario + ": true sets dropped", "<= 2 %", share, s.true_dropped <= 0.02 * s.true_stated, false, ""});
     }
   }
 
@@ -426,11 +438,8 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
                                {"unlinked_runs", s.unlinked_runs}});
   }
   for (const Demand& d : result.demands)
-    out["demands"].push_back(json{{"what", d.what},
-                                  {"asked", d.asked},
-                                  {"measured", d.measured},
-                                  {"met", d.met},
-                                  {"of_verdict", d.of_verdict}});
+    out["demands"].push_back(json{
+        {"what", d.what}, {"asked", d.asked}, {"measured", d.measured}, {"met", d.met}, {"of_verdict", d.of_verdict}});
   for (const Control& c : result.controls)
     out["controls"].push_back(json{{"what", c.what}, {"measured", c.measured}, {"failed_as_it_must", c.failed}});
   out["real_drift"] = to_json(result.real_drift);
@@ -441,17 +450,18 @@ int run_consistency(const ConsistencyOptions& options) {
   const ConsistencyResult result = measure_consistency(options);
   write_text_file(options.out / "consistency.json", to_json(result).dump(2) + "\n");
   write_text_file(options.out / "consistency.html", consistency_page(result));
-  std::printf("seed %llu, calibration seed %llu, %d runs per scenario\n",
-              static_cast<unsigned long long>(options.seed), static_cast<unsigned long long>(result.calibration_seed),
-              options.runs);
+  std::printf("seed %llu, calibration seed %llu, %d runs per scenario\n", static_cast<unsigned long long>(options.seed),
+              static_cast<unsigned long long>(result.calibration_seed), options.runs);
   for (const Demand& d : result.demands)
-    std::printf("%s  %s: %s (asked: %s)\n", d.met ? "met " : "MISS", d.what.c_str(), d.measured.c_str(), d.asked.c_str());
+    std::printf("%s  %s: %s (asked: %s)\n", d.met ? "met " : "MISS", d.what.c_str(), d.measured.c_str(),
+                d.asked.c_str());
   for (const Control& c : result.controls)
     std::printf("%s  control %s: %s\n", c.failed ? "fails, as it must" : "PASSES, AND MUST NOT", c.what.c_str(),
                 c.measured.c_str());
-  std::printf("%s; %s\n",
-              result.pass() ? "consistent: the model passes and every control fails" : "does NOT pass: see the misses above",
-              (options.out / "consistency.html").c_str());
+  std::printf(
+      "%s; %s\n",
+      result.pass() ? "consistent: the model passes and every control fails" : "does NOT pass: see the misses above",
+      (options.out / "consistency.html").c_str());
   return result.pass() ? 0 : 1;
 }
 

@@ -1,5 +1,5 @@
-// `convoy consistency`: is the estimator consistent? Measured by Monte Carlo, in the plane and in space, against baselines and
-// against negative controls that must fail (DESIGN B8).
+// `convoy consistency`: is the estimator consistent? Measured by Monte Carlo, in the plane and in space, against
+// baselines and against negative controls that must fail (DESIGN B8).
 #pragma once
 
 #include <cstdint>
@@ -16,20 +16,21 @@ namespace convoy::cli::consistency {
 struct ConsistencyOptions {
   int runs = 200;          ///< of each scenario, >= 2
   std::uint64_t seed = 1;  ///< run i of a scenario draws from (seed, i); calibration from another seed
-  std::filesystem::path data;  ///< of recordings, see measure_real_drift(); empty: the environment variable CONVOY_DATA_DIR
+  std::filesystem::path
+      data;  ///< of recordings, see measure_real_drift(); empty: the environment variable CONVOY_DATA_DIR
   std::filesystem::path out;  ///< folder; gets consistency.json and consistency.html
-  bool progress = true;    ///< one line per scenario to stdout once it takes longer than two seconds
+  bool progress = true;       ///< one line per scenario to stdout once it takes longer than two seconds
 };
 
 /// One model on one scenario.
 struct Row {
-  std::string model;      ///< what estimates: "local, sparse map", "raw SLAM", ...
+  std::string model;  ///< what estimates: "local, sparse map", "raw SLAM", ...
   int dim = 2;
   std::string simulator;  ///< "exact model" or "EKF-SLAM"
   std::string scenario;
   Summary summary;
-  bool ours = false;      ///< the shipped estimator: judged; else a baseline beside it
-  std::string remark;     ///< one sentence
+  bool ours = false;   ///< the shipped estimator: judged; else a baseline beside it
+  std::string remark;  ///< one sentence
 };
 
 /// Something that is asked for, and what was measured. One that is not met is a miss and is called so.
@@ -53,12 +54,12 @@ struct ConsistencyResult {
   std::vector<Demand> demands;
   std::vector<Control> controls;
   RealDrift real_drift;  ///< measured beside the verdict
-  bool pass() const;         ///< the model meets every demand of the verdict, and every control fails it
-  bool all_met() const;      ///< no miss at all
+  bool pass() const;     ///< the model meets every demand of the verdict, and every control fails it
+  bool all_met() const;  ///< no miss at all
 };
 
-/// The steps of an exact-model simulator are in their band at 90 % of the steps or more, and 93 to 97 % of the poses within
-/// their 95 % ellipsoid: the test that the model must pass and the controls must fail.
+/// The steps of an exact-model simulator are in their band at 90 % of the steps or more, and 93 to 97 % of the poses
+/// within their 95 % ellipsoid: the test that the model must pass and the controls must fail.
 struct ExactVerdict {
   double steps_in_band = 0.0, coverage95 = 0.0, anees = 0.0;
   int steps = 0;

@@ -284,8 +284,8 @@ std::optional<double> first_direct_association(const MapRecord<G>& map, VehicleI
   return std::nullopt;
 }
 
-/// When a and b are first linked, be it through other vehicles. `confirmed`: accepted hypotheses that it takes between two
-/// vehicles.
+/// When a and b are first linked, be it through other vehicles. `confirmed`: accepted hypotheses that it takes between
+/// two vehicles.
 template <class G>
 std::optional<double> linked_s(const MapRecord<G>& map, VehicleId a, VehicleId b, int confirmed) {
   std::map<VehicleId, VehicleId> group;  // vehicle -> name of its group
@@ -385,17 +385,18 @@ json judge_associations(const RunRecord<G>& run) {
     ++hypotheses;
     hypotheses_false += wrong;
   }
-  return {{"accepted", seen.size()},
-          {"true", count[static_cast<int>(Verdict::right)]},
-          {"false", count[static_cast<int>(Verdict::wrong)]},
-          {"unjudged", count[static_cast<int>(Verdict::unknown)]},
-          {"within_a_vehicle", within[0] + within[1] + within[2]},
-          {"within_a_vehicle_false", within[static_cast<int>(Verdict::wrong)]},
-          {"between_vehicles", count[0] + count[1] + count[2] - (within[0] + within[1] + within[2])},
-          {"between_vehicles_false", count[static_cast<int>(Verdict::wrong)] - within[static_cast<int>(Verdict::wrong)]},
-          {"hypotheses_accepted", hypotheses},
-          {"hypotheses_false", hypotheses_false},
-          {"hypotheses_rejected", survivor->map->associations.size() - static_cast<std::size_t>(hypotheses)}};
+  return {
+      {"accepted", seen.size()},
+      {"true", count[static_cast<int>(Verdict::right)]},
+      {"false", count[static_cast<int>(Verdict::wrong)]},
+      {"unjudged", count[static_cast<int>(Verdict::unknown)]},
+      {"within_a_vehicle", within[0] + within[1] + within[2]},
+      {"within_a_vehicle_false", within[static_cast<int>(Verdict::wrong)]},
+      {"between_vehicles", count[0] + count[1] + count[2] - (within[0] + within[1] + within[2])},
+      {"between_vehicles_false", count[static_cast<int>(Verdict::wrong)] - within[static_cast<int>(Verdict::wrong)]},
+      {"hypotheses_accepted", hypotheses},
+      {"hypotheses_false", hypotheses_false},
+      {"hypotheses_rejected", survivor->map->associations.size() - static_cast<std::size_t>(hypotheses)}};
 }
 
 // ---- the fleet as a whole ----

@@ -30,8 +30,8 @@
 // of one corrected trajectory the other's pose at the same moment, between its two neighbouring rows along the
 // geodesic, and the same with the two exchanged.
 //
-// In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge "mounted" and
-// truth_mount_... are planar, and null there.
+// In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge
+// "mounted" and truth_mount_... are planar, and null there.
 #pragma once
 
 #include <map>

@@ -30,7 +30,8 @@ std::optional<PoseEstimate<G>> read_estimate(const TableFile& table, std::size_t
 
 /// A vehicle that lived to its end has written at least one row.
 void expect_rows(const TableFile& table, std::size_t rows, bool may_be_cut) {
-  if (rows == 0 && !may_be_cut) table.refuse("no row below the header; the file was emptied, the run has to be repeated");
+  if (rows == 0 && !may_be_cut)
+    table.refuse("no row below the header; the file was emptied, the run has to be repeated");
 }
 
 template <class G>
@@ -41,7 +42,8 @@ std::vector<PoseRow<G>> read_live(const fs::path& file, bool may_be_cut, const s
     rows.push_back({table.number(0), table.small_number(1), table.optional_number(2).value_or(0.0),
                     read_estimate<G>(table, 3), read_estimate<G>(table, 3 + estimate_columns<G>)});
     if (fleet.count(rows.back().vehicle) == 0)
-      table.refuse("vehicle " + std::to_string(rows.back().vehicle) + " is not among those of run.json; correct either file");
+      table.refuse("vehicle " + std::to_string(rows.back().vehicle) +
+                   " is not among those of run.json; correct either file");
   }
   expect_rows(table, rows.size(), may_be_cut);
   return rows;
@@ -63,7 +65,8 @@ std::vector<TrafficRow> read_traffic(const fs::path& file, bool may_be_cut) {
   TableFile table(file, {.header = traffic_header, .drop_cut_last_line = may_be_cut});
   while (table.next()) {
     rows.push_back({table.number(0), table.number(1)});
-    if (rows.size() > 1 && rows.back().t_s < rows[rows.size() - 2].t_s) table.refuse("time runs backwards; the run has to be repeated");
+    if (rows.size() > 1 && rows.back().t_s < rows[rows.size() - 2].t_s)
+      table.refuse("time runs backwards; the run has to be repeated");
   }
   expect_rows(table, rows.size(), may_be_cut);
   return rows;
@@ -161,7 +164,8 @@ void check_summary(const fs::path& file, const json& summary, VehicleId id) {
   };
   if (!summary.is_object()) refuse("not an object");
   for (const char* key : {"map_digest", "integrity"})
-    if (!summary.contains(key) || !summary.at(key).is_string()) refuse(std::string("'") + key + "' is not there or no text");
+    if (!summary.contains(key) || !summary.at(key).is_string())
+      refuse(std::string("'") + key + "' is not there or no text");
   for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent"})
     if (!summary.contains(key) || !summary.at(key).is_number() || summary.at(key).get<double>() < 0.0)
       refuse(std::string("'") + key + "' is not there or no number from 0");
@@ -182,11 +186,10 @@ void read_vehicle_files(const fs::path& folder, const std::set<VehicleId>& fleet
   if_there("map.json", [&](const fs::path& file) {
     with_json(file, [&](const json& object) { vehicle.map = map_from<G>(object); });
   });
-  if_there("summary.json",
-           [&](const fs::path& file) {
-             with_json(file, [&](const json& object) { vehicle.summary = object; });
-             check_summary(file, vehicle.summary, vehicle.id);
-           });
+  if_there("summary.json", [&](const fs::path& file) {
+    with_json(file, [&](const json& object) { vehicle.summary = object; });
+    check_summary(file, vehicle.summary, vehicle.id);
+  });
 }
 
 /// The ids in a list of run.json, each from 1 and there once. Throws ConfigError.
@@ -218,7 +221,8 @@ std::set<VehicleId> read_run_info(const fs::path& file, RunRecord<G>& run) {
     const auto lost = ids_of(file, "lost_vehicles", info.value("lost_vehicles", json::array()));
     if (!std::includes(fleet.begin(), fleet.end(), lost.begin(), lost.end()))
       refuse("'lost_vehicles' names a vehicle that is not among 'vehicles'; correct either list");
-    run.common_frame_vehicle = *ids_of(file, "common_frame_vehicle", json::array({info.at("common_frame_vehicle")})).begin();
+    run.common_frame_vehicle =
+        *ids_of(file, "common_frame_vehicle", json::array({info.at("common_frame_vehicle")})).begin();
     if (fleet.count(run.common_frame_vehicle) == 0)
       refuse("'common_frame_vehicle' is not among 'vehicles'; correct either");
     for (const VehicleId id : fleet) {

@@ -66,7 +66,7 @@ template <class G>
 struct MapLandmark {
   Key key;
   std::optional<typename G::Point> p_common_m;  ///< empty while its chain is not aligned
-  std::int64_t landmark_class = -1;           ///< -1: associated with nothing
+  std::int64_t landmark_class = -1;             ///< -1: associated with nothing
 };
 
 struct MapAssociation {

@@ -244,9 +244,9 @@ std::string sentence_case(std::string text) {
 /// What the fleet came to, without a full stop: one map, or the first thing that is in its way.
 template <class G>
 std::string outcome(const RunRecord<G>& run, const json& m) {
-  const std::string fleet = run.vehicles.size() == 1
-                                ? "One vehicle "
-                                : count_word(run.vehicles.size()) + " vehicles that did not know where the others started ";
+  const std::string fleet = run.vehicles.size() == 1 ? "One vehicle "
+                                                     : count_word(run.vehicles.size()) +
+                                                           " vehicles that did not know where the others started ";
   std::string idle;
   for (const json& vehicle : m.at("vehicles"))
     if (vehicle.at("landmarks_exported") == json(0))
@@ -273,7 +273,8 @@ std::string headline(const RunRecord<G>& run, const json& m) {
   const json& a = m.at("associations");
   const json& false_pairings = a.at("false");
   if (false_pairings.is_number() && a.at("unjudged") != json(0))
-    text += " " + show(a.at("unjudged"), 0) + " landmark pairings could not be judged, for nothing says what their landmarks are.";
+    text += " " + show(a.at("unjudged"), 0) +
+            " landmark pairings could not be judged, for nothing says what their landmarks are.";
   if (false_pairings.is_number())
     text += " Of " + show(a.at("between_vehicles"), 0) + " landmark pairings between vehicles " +
             count_false(a.at("between_vehicles_false")) +

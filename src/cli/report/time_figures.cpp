@@ -106,7 +106,8 @@ std::string distance_findings(const Evaluation<G>& evaluation, const std::vector
   };
   if (const std::string settled = range("distance_rmse_settled_m"); !settled.empty())
     text += " From ten seconds after the first association on, blue is off by " + settled +
-            "; with the seconds in which the association is found and the map is built, by " + range("distance_rmse_m") + ".";
+            "; with the seconds in which the association is found and the map is built, by " +
+            range("distance_rmse_m") + ".";
   std::size_t after = 0, not_aligned = 0, without_peer = 0, without_truth = 0;
   for (const PairSeries* pair : pairs) {
     for (const DistanceSample& sample : pair->distances) {

@@ -41,9 +41,10 @@ struct SensorEvent {
   double v_m_s = 0.0;        ///< forward speed [m/s]
   double omega_rad_s = 0.0;  ///< yaw rate, left positive [rad/s]
   // sighting: one landmark in one image; encounter: another vehicle
-  std::uint32_t track = 0;   ///< what the tracker calls the landmark; means nothing to any other vehicle; or the vehicle's id
-  double range_m = 0.0;      ///< > 0 [m]
-  double bearing_rad = 0.0;  ///< from straight ahead, left positive [rad]
+  std::uint32_t track =
+      0;  ///< what the tracker calls the landmark; means nothing to any other vehicle; or the vehicle's id
+  double range_m = 0.0;        ///< > 0 [m]
+  double bearing_rad = 0.0;    ///< from straight ahead, left positive [rad]
   double elevation_rad = 0.0;  ///< in space: up positive, within +-pi/2 [rad]
   // fix: where a receiver of absolute positions says that its antenna is
   double east_m = 0.0;   ///< of the fleet's datum [m]

@@ -155,8 +155,7 @@ TYPED_TEST(AlignOf, CovarianceIsThatOfTheNumericJacobian) {
       for (int c = 0; c < Size; ++c)
         J.col(c) = (residual(h * Vector::Unit(c)) - residual(-h * Vector::Unit(c))) / (2.0 * h);
       const typename G::PointCovariance R = at->T_a_b.rotation();
-      const typename G::PointCovariance W =
-          (i.own_covariance() + R * j.own_covariance() * R.transpose()).inverse();
+      const typename G::PointCovariance W = (i.own_covariance() + R * j.own_covariance() * R.transpose()).inverse();
       information += J.transpose() * W * J;
       gradient += J.transpose() * W * residual(Vector::Zero());
     }

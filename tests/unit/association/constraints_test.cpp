@@ -7,8 +7,8 @@
 #include "../random_world.hpp"
 #include "../sample_facts.hpp"
 
-#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
+#include <Eigen/Cholesky>
 
 namespace convoy {
 namespace {

@@ -66,8 +66,9 @@ TEST(AssociateInSpace, AcceptsAnOverlapAndPairsOnlyWhatIsTheSame) {
         const auto result = associate(m.a, m.b, known ? m.prior() : Prior{}, {});
         if (result.decision != Decision::accepted) continue;
         ++accepted;
-        EXPECT_TRUE(std::all_of(result.pairings.begin(), result.pairings.end(),
-                                [&](const Pairing& p) { return m.same.count(p) != 0; })) << seed;
+        EXPECT_TRUE(std::all_of(result.pairings.begin(), result.pairings.end(), [&](const Pairing& p) {
+          return m.same.count(p) != 0;
+        })) << seed;
         EXPECT_LT((result.alignment.T_a_b.inverse() * m.T_a_b).Log().norm(), 1.0) << seed;
       }
       ASSERT_GE(offered, 25);

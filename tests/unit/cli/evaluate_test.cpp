@@ -259,7 +259,8 @@ TEST(Evaluate, AMapIsSharedOnlyIfItIsEqualAndLinkedBetweenVehicles) {
   }
   const auto verdict = [&] {
     const json m = evaluate(run).metrics;
-    return json::array({m.at("all_aligned"), m.at("all_in_common_frame"), m.at("all_linked"), m.at("map_digests_equal")});
+    return json::array(
+        {m.at("all_aligned"), m.at("all_in_common_frame"), m.at("all_linked"), m.at("map_digests_equal")});
   };
   EXPECT_EQ(verdict(), json::array({false, true, false, true}));
   run.vehicles[0].map->associations.push_back({1, 3.0, true, {pairing(1, 1, 2, 1)}});
@@ -472,7 +473,8 @@ TEST_F(RunFolder, ABrokenSummaryIsRefused) {
   EXPECT_THAT(refusal(good.dump().substr(0, 40)), HasSubstr("summary.json: not what it should be"));
   EXPECT_THAT(refusal("null"), HasSubstr("summary.json: not an object"));
   EXPECT_THAT(refusal("[1]"), HasSubstr("summary.json: not an object"));
-  for (const char* key : {"map_digest", "integrity", "facts_missing", "landmarks_exported", "landmarks_known", "bytes_sent"}) {
+  for (const char* key :
+       {"map_digest", "integrity", "facts_missing", "landmarks_exported", "landmarks_known", "bytes_sent"}) {
     json summary = good;
     summary.erase(key);
     EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: '" + std::string(key) + "'")) << key;

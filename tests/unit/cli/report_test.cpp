@@ -115,12 +115,14 @@ TEST(Report, HeadlineSaysSharedOnlyWhenItIsSo) {
     return text;
   };
   using Json = nlohmann::json;
-  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["map_digests_equal"] = false; }), HasSubstr("do not hold the same map"));
+  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["map_digests_equal"] = false; }),
+              HasSubstr("do not hold the same map"));
   EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["all_linked"] = false; }),
               HasSubstr("have not all found landmarks in common"));
   EXPECT_THAT(of([](Json& m) { m["vehicles"][1]["landmarks_exported"] = 0; }),
               HasSubstr("not all of them mapped anything (back vehicle)"));
-  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["map_digests_equal"] = nullptr; }), HasSubstr("left too little to judge their map by"));
+  EXPECT_THAT(of([](Json& m) { m["all_aligned"] = m["map_digests_equal"] = nullptr; }),
+              HasSubstr("left too little to judge their map by"));
 }
 
 TEST(Report, HeadlineNamesVehiclesThatAreSuspect) {

@@ -56,9 +56,9 @@ TEST(Scenario, WithoutTruthHasNoTruthFile) {
 
 TEST(Scenario, FixesSurviveTheDiskToTheBit) {
   const TemporaryFolder folder;
-  const std::vector<SensorEvent> written{SensorEvent::odometry(0.0, 1.0, 0.0), SensorEvent::fix(0.1, 1.0 / 3.0, -2e5, 0.02),
-                                         SensorEvent::encounter(0.1, 4, 7.0 / 3.0, -0.2),
-                                         SensorEvent::sighting(0.1, 7, 3.0, 0.1)};
+  const std::vector<SensorEvent> written{
+      SensorEvent::odometry(0.0, 1.0, 0.0), SensorEvent::fix(0.1, 1.0 / 3.0, -2e5, 0.02),
+      SensorEvent::encounter(0.1, 4, 7.0 / 3.0, -0.2), SensorEvent::sighting(0.1, 7, 3.0, 0.1)};
   write_sensors<SE2>(folder / "s.csv", written);
   EXPECT_EQ(read_sensors<SE2>(folder / "s.csv"), written);
 }
@@ -101,8 +101,7 @@ INSTANTIATE_TEST_SUITE_P(
                     BadSensors{"2,fix,7,3,-1\n", "s.csv:3: the sigma of a fix must be above 0"},
                     BadSensors{"2,encounter,0,7,0\n", "s.csv:3: vehicle ids are 1 or more"},
                     BadSensors{"2,encounter,3,0,0\n", "s.csv:3: the range of an encounter must be above 0"},
-                    BadSensors{"2,fix,7,nan,1\n", "s.csv:3: field 4"},
-                    BadSensors{"2,fix,7,3,\n", "s.csv:3: field 5"},
+                    BadSensors{"2,fix,7,nan,1\n", "s.csv:3: field 4"}, BadSensors{"2,fix,7,3,\n", "s.csv:3: field 5"},
                     BadSensors{"2,sighting,7,3\n", "s.csv:3: the line has 4 fields"}));
 
 }  // namespace

@@ -30,7 +30,9 @@ struct Meeting {
   }
   Member& one() { return *fleet.members[0]; }
   Member& two() { return *fleet.members[1]; }
-  const FactStore<SE2>::Chain& facts_of(const Member& by, VehicleId v) { return by.manager.store().chains().at({v, 1}); }
+  const FactStore<SE2>::Chain& facts_of(const Member& by, VehicleId v) {
+    return by.manager.store().chains().at({v, 1});
+  }
 
   ScriptedFleet fleet;
   test::Random random{77};
@@ -55,10 +57,12 @@ TEST(Encounter, IsAnsweredByTheOneWhoWasSeenAndAlignsBoth) {
   EXPECT_TRUE(map.aligned({1, 1}));
   EXPECT_TRUE(map.aligned({2, 1}));
   EXPECT_GE(map.problem().encounters.size() + 2, encounters.size());
-  const auto a = meeting.one().view_of({1, 1}, meeting.fleet.now_s), b = meeting.one().view_of({2, 1}, meeting.fleet.now_s);
+  const auto a = meeting.one().view_of({1, 1}, meeting.fleet.now_s),
+             b = meeting.one().view_of({2, 1}, meeting.fleet.now_s);
   ASSERT_TRUE(a.estimate && b.estimate);
   const SE2 said = a.estimate->mean.inverse() * b.estimate->mean;
-  const auto then = [&](const Member& member, const VehicleState<SE2>& state) {  // its last live pose may have been lost
+  const auto then = [&](const Member& member,
+                        const VehicleState<SE2>& state) {  // its last live pose may have been lost
     return member.script[static_cast<std::size_t>(2.0 * state.slam.stamp_s)].truth;
   };
   const SE2 truth = then(meeting.one(), a).inverse() * then(meeting.two(), b);

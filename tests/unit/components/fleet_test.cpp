@@ -364,7 +364,8 @@ TEST(Integrity, UnalignedForAReasonWherePlacesInCommonFitInTwoWays) {
   // Asked for more than this short drive has: what was found waits to be confirmed.
   SelectionParams more;
   more.min_confirmed = 1000;
-  BuiltMap<SE2> built{build_global_map(self.manager.store(), more, *self.manager.backend()), self.manager.store().revision()};
+  BuiltMap<SE2> built{build_global_map(self.manager.store(), more, *self.manager.backend()),
+                      self.manager.store().revision()};
   int unaligned = 0;
   for (const ChainId& chain : built.map.unsettled) unaligned += !built.map.map->aligned(chain);
   ASSERT_GT(unaligned, 0);
@@ -383,7 +384,8 @@ TEST(Integrity, SuspectWhileTheMapFindsItsDriftNotWhite) {
   ASSERT_TRUE(fleet.settle());
   Member& self = *fleet.members[0];
   ASSERT_EQ(self.view_of({2, 1}, fleet.now_s).integrity, Integrity::ok);
-  BuiltMap<SE2> built{build_global_map(self.manager.store(), {}, *self.manager.backend()), self.manager.store().revision()};
+  BuiltMap<SE2> built{build_global_map(self.manager.store(), {}, *self.manager.backend()),
+                      self.manager.store().revision()};
   built.map.drift_alarms = {{2, 1}};
   self.manager.adopt(std::move(built));
   const auto state = self.view_of({2, 1}, fleet.now_s);

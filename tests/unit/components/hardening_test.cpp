@@ -16,8 +16,8 @@ AnchorFact<SE2> anchor_fact(const ChainId& chain, std::uint32_t index) {
   return fact;
 }
 bool has(const VehicleState<SE2>& state, IntegrityReason reason) { return (state.reasons & reason) != 0; }
-// Somebody sends other content under a key of ours: it is refused, we are no equivocator, and still two of us are about,
-// which everybody must see.
+// Somebody sends other content under a key of ours: it is refused, we are no equivocator, and still two of us are
+// about, which everybody must see.
 TEST(Hardening, AnImpersonatorMakesUsSuspectAndNothingElse) {
   test::ScriptedFleet fleet;
   test::MemberOptions known;
@@ -157,7 +157,8 @@ TEST(Hardening, ALivePoseWithUnfitLandmarksIsRefused) {
   good.chain = {2, 1};
   good.state.stamp_s = good.state.abscissa_m = 5.0;
   good.state.pose = SE2(5.0, 0.0, 0.0);
-  for (std::uint32_t i = 0; i < 4; ++i) good.remembered.push_back({i, {1.0 + i, 2.0 * i * i}, 0.01 * Eigen::Matrix2d::Identity()});
+  for (std::uint32_t i = 0; i < 4; ++i)
+    good.remembered.push_back({i, {1.0 + i, 2.0 * i * i}, 0.01 * Eigen::Matrix2d::Identity()});
   good.shared = 0.01 * SE2::Covariance::Identity();
   ASSERT_EQ(peer->send({{2, 1}, good}), SendStatus::sent);
   std::vector<LivePose<SE2>> bad(6, good);

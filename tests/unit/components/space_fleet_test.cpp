@@ -65,8 +65,7 @@ TEST(FleetInSpace, FindsEachOtherByGeometryAndEndsWithOneMapOfWhereAllAre) {
         const SE3 between = own.estimate->mean.inverse() * state.estimate->mean;
         Eigen::Matrix<double, 6, 12> A;
         A << -between.inverse().adjoint(), SE3::Covariance::Identity();
-        const auto joint =
-            viewer->manager.map().map->joint_covariance(own.chain, own.slam, state.chain, state.slam);
+        const auto joint = viewer->manager.map().map->joint_covariance(own.chain, own.slam, state.chain, state.slam);
         ASSERT_TRUE(joint);
         const SE3::Covariance P = A * *joint * A.transpose();
         const SE3 off = between.inverse() * viewer->truth().inverse() * seen->truth();
@@ -161,7 +160,8 @@ TEST(VehicleInSpace, RunsFromItsFrontEndToItsPose) {
   params.static_bias = Estimate<SE3>{SE3::Exp((SE3::Tangent() << 5, 6, 7, 0.1, 0.2, 0.3).finished()), {}};
   params.static_bias->covariance.setZero();
   InProcessNetwork<SE3> network;
-  Vehicle<SE3> vehicle(params, slam, [&] { return network.join({}); }, [] { return 0.0; });
+  Vehicle<SE3> vehicle(
+      params, slam, [&] { return network.join({}); }, [] { return 0.0; });
   vehicle.configure();
   vehicle.activate();
   SE3 truth = params.static_bias->mean;

@@ -29,7 +29,9 @@ class StateFolderTest : public testing::Test {
   }
   ~StateFolderTest() override { fs::remove_all(base_); }
 
-  StateFolder::NextEpoch next(Epoch fresh) { return StateFolder(folder_).next_epoch([=] { return fresh; }); }
+  StateFolder::NextEpoch next(Epoch fresh) {
+    return StateFolder(folder_).next_epoch([=] { return fresh; });
+  }
   std::string epoch_file() const {
     std::stringstream text;
     text << std::ifstream(folder_ / "epoch").rdbuf();
@@ -61,8 +63,7 @@ TEST_F(StateFolderTest, TheFirstEpochIsFreshAndEveryLaterOneIsHigher) {
 
 TEST_F(StateFolderTest, FreshFoldersDoNotBeginAlike) {
   std::set<Epoch> epochs;
-  for (int i = 0; i < 20; ++i)
-    epochs.insert(StateFolder(base_ / std::to_string(i)).next_epoch(epoch_from_clock).epoch);
+  for (int i = 0; i < 20; ++i) epochs.insert(StateFolder(base_ / std::to_string(i)).next_epoch(epoch_from_clock).epoch);
   EXPECT_EQ(epochs.size(), 20U);
   EXPECT_EQ(epochs.count(1), 0U);
 }

@@ -128,9 +128,12 @@ TEST_F(VehicleConfigTest, TheDimensionOfAFleetIsTwoOrThreeAndThatOfTheProgram) {
 TEST_F(VehicleConfigTest, NothingButOneRootIsAccepted) {
   const std::string good = "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n</convoy>\n";
   EXPECT_EQ(refusal(good), "accepted");
-  EXPECT_THAT(refusal("<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  id 2\n</convoy>\n"), HasSubstr("take out the text in it"));
-  EXPECT_THAT(refusal("<convoy version=\"1\">text<vehicle id=\"1\"/></convoy>\n"), HasSubstr("1: <convoy> holds elements"));
-  EXPECT_THAT(refusal("<convoy version=\"1\"><![CDATA[x]]><vehicle id=\"1\"/></convoy>\n"), HasSubstr("1: <convoy> holds elements"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  id 2\n</convoy>\n"),
+              HasSubstr("take out the text in it"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">text<vehicle id=\"1\"/></convoy>\n"),
+              HasSubstr("1: <convoy> holds elements"));
+  EXPECT_THAT(refusal("<convoy version=\"1\"><![CDATA[x]]><vehicle id=\"1\"/></convoy>\n"),
+              HasSubstr("1: <convoy> holds elements"));
   EXPECT_THAT(refusal(good + good), HasSubstr("4: a second root <convoy>"));
   EXPECT_THAT(refusal(good + "<other/>\n"), HasSubstr("4: a second root <other>"));
   EXPECT_NE(refusal(good + "some text\n"), "accepted");
@@ -151,9 +154,12 @@ TEST_F(VehicleConfigTest, TheVersionIsOneAndTheRootHasNothingElse) {
 }
 
 TEST_F(VehicleConfigTest, ElementsStandOnceAndHoldAttributesOnly) {
-  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<vehicle id=\"2\"/></convoy>"), HasSubstr("3: <vehicle> stands here for the second time"));
-  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\">2</vehicle></convoy>"), HasSubstr("2: <vehicle> holds attributes only"));
-  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<dds domains=\"2\"/></convoy>"), HasSubstr("3: <dds> has no entry 'domains'"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<vehicle id=\"2\"/></convoy>"),
+              HasSubstr("3: <vehicle> stands here for the second time"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\">2</vehicle></convoy>"),
+              HasSubstr("2: <vehicle> holds attributes only"));
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<dds domains=\"2\"/></convoy>"),
+              HasSubstr("3: <dds> has no entry 'domains'"));
   EXPECT_THAT(refusal("<convoy version=\"1\">\n<dds domain=\"2\"/></convoy>"), HasSubstr("1: <vehicle id=\"N\"/>"));
 }
 
@@ -172,44 +178,44 @@ TEST_P(VehicleConfigRange, IsRefusedWithItsLineAndTheMend) {
 
 INSTANTIATE_TEST_SUITE_P(
     Entries, VehicleConfigRange,
-    testing::Values(OutOfRange{"dds", "domain=\"233\"", "<dds domain> must lie in 0..232"},
-                    OutOfRange{"dds", "max_queued_messages=\"0\"", "<dds max_queued_messages> must be 1 or more"},
-                    OutOfRange{"static_bias", "x_m=\"2e6\"", "<static_bias> cannot be told to the other vehicles (out_of_range)"},
-                    OutOfRange{"static_bias", "sigma_y_m=\"1e200\"", "<static_bias> cannot be told to the other vehicles"},
-                    OutOfRange{"sensors", "rate=\"0\"", "<sensors rate> must be > 0"},
-                    OutOfRange{"sensors", "rate=\"-3\"", "<sensors rate> must be > 0"},
-                    OutOfRange{"sensors", "rate=\"inf\"", "<sensors rate>: 'inf' is no finite number"},
-                    OutOfRange{"sensors", "start_unix_s=\"-1\"", "must be >= 0"},
-                    OutOfRange{"sensors", "fix_lever_x_m=\"101\"", "<sensors fix_lever_x_m> must lie in -100..100 m"},
-                    OutOfRange{"sensors", "fix_lever_y_m=\"-1e9\"", "<sensors fix_lever_y_m> must lie in -100..100 m"},
-                    OutOfRange{"map", "fix_correlation_s=\"-1\"", "<map fix_correlation_s> must be >= 0"},
-                    OutOfRange{"map", "fix_residual=\"1\"", "<map fix_residual> must lie in (0, 1)"},
-                    OutOfRange{"map", "backend=\"ekf\" common_frame_is_enu=\"true\"", "takes no absolute fixes"},
-                    OutOfRange{"impairment", "loss=\"1\"", "loss is 1; it must lie in [0, 1)"},
-                    OutOfRange{"impairment", "duplicate=\"-0.5\"", "it must lie in [0, 1]"},
-                    OutOfRange{"impairment", "jitter_s=\"1e9\"", "it must lie in [0, 3600] s"},
-                    OutOfRange{"vehicle", "roster=\"2 3\"", "<vehicle roster> must name this vehicle, too: 1"},
-                    OutOfRange{"vehicle", "roster=\"1 1\"", "name each vehicle once"},
-                    OutOfRange{"vehicle", "roster=\"0 1\"", "name each vehicle once"},
-                    OutOfRange{"vehicle", "first_epoch=\"4\"", "stand beside a state_folder"},
-                    OutOfRange{"vehicle", "step_period_s=\"61\"", "lie in (0, 60] s"},
-                    OutOfRange{"vehicle", "searches_per_step=\"0\"", "be 1 or more"},
-                    OutOfRange{"vehicle", "live_period_s=\"0\"", "be > 0"},
-                    OutOfRange{"map", "period_s=\"-1\"", "<map period_s> must be > 0"},
-                    OutOfRange{"map", "min_pairings=\"2\"", "be 3 or more"},
-                    OutOfRange{"map", "residual=\"1\"", "lie in (0, 1)"},
-                    OutOfRange{"map", "backend=\"paper\"", "'paper' must be sparse or ekf"},
-                    OutOfRange{"repair", "digest_period_s=\"0\"", "be > 0"},
-                    OutOfRange{"repair", "max_ranges=\"65\"", "lie in 1..64"},
-                    OutOfRange{"repair", "backoff_max_s=\"0.1\"", "be at least backoff_min_s"},
-                    OutOfRange{"drift", "gamma=\"0\"", "gamma must be > 0"},
-                    OutOfRange{"front_end", "gate=\"1\"", "confidences must lie in (0, 1)"},
-                    OutOfRange{"association", "min_pairings=\"2\"", "min_pairings must be >= 3"},
-                    OutOfRange{"static_bias", "sigma_x_m=\"-1\"", "<static_bias sigma_x_m> must be >= 0"},
-                    OutOfRange{"drift", "gamma=\" 1\"", "' 1' is no finite number"},
-                    OutOfRange{"drift", "gamma=\"0x10\"", "is no finite number"},
-                    OutOfRange{"dds", "domain=\"+5\"", "is no whole number"},
-                    OutOfRange{"dds", "domain=\"4294967296\"", "is no whole number from 0 to 4294967295"}));
+    testing::Values(
+        OutOfRange{"dds", "domain=\"233\"", "<dds domain> must lie in 0..232"},
+        OutOfRange{"dds", "max_queued_messages=\"0\"", "<dds max_queued_messages> must be 1 or more"},
+        OutOfRange{"static_bias", "x_m=\"2e6\"", "<static_bias> cannot be told to the other vehicles (out_of_range)"},
+        OutOfRange{"static_bias", "sigma_y_m=\"1e200\"", "<static_bias> cannot be told to the other vehicles"},
+        OutOfRange{"sensors", "rate=\"0\"", "<sensors rate> must be > 0"},
+        OutOfRange{"sensors", "rate=\"-3\"", "<sensors rate> must be > 0"},
+        OutOfRange{"sensors", "rate=\"inf\"", "<sensors rate>: 'inf' is no finite number"},
+        OutOfRange{"sensors", "start_unix_s=\"-1\"", "must be >= 0"},
+        OutOfRange{"sensors", "fix_lever_x_m=\"101\"", "<sensors fix_lever_x_m> must lie in -100..100 m"},
+        OutOfRange{"sensors", "fix_lever_y_m=\"-1e9\"", "<sensors fix_lever_y_m> must lie in -100..100 m"},
+        OutOfRange{"map", "fix_correlation_s=\"-1\"", "<map fix_correlation_s> must be >= 0"},
+        OutOfRange{"map", "fix_residual=\"1\"", "<map fix_residual> must lie in (0, 1)"},
+        OutOfRange{"map", "backend=\"ekf\" common_frame_is_enu=\"true\"", "takes no absolute fixes"},
+        OutOfRange{"impairment", "loss=\"1\"", "loss is 1; it must lie in [0, 1)"},
+        OutOfRange{"impairment", "duplicate=\"-0.5\"", "it must lie in [0, 1]"},
+        OutOfRange{"impairment", "jitter_s=\"1e9\"", "it must lie in [0, 3600] s"},
+        OutOfRange{"vehicle", "roster=\"2 3\"", "<vehicle roster> must name this vehicle, too: 1"},
+        OutOfRange{"vehicle", "roster=\"1 1\"", "name each vehicle once"},
+        OutOfRange{"vehicle", "roster=\"0 1\"", "name each vehicle once"},
+        OutOfRange{"vehicle", "first_epoch=\"4\"", "stand beside a state_folder"},
+        OutOfRange{"vehicle", "step_period_s=\"61\"", "lie in (0, 60] s"},
+        OutOfRange{"vehicle", "searches_per_step=\"0\"", "be 1 or more"},
+        OutOfRange{"vehicle", "live_period_s=\"0\"", "be > 0"},
+        OutOfRange{"map", "period_s=\"-1\"", "<map period_s> must be > 0"},
+        OutOfRange{"map", "min_pairings=\"2\"", "be 3 or more"}, OutOfRange{"map", "residual=\"1\"", "lie in (0, 1)"},
+        OutOfRange{"map", "backend=\"paper\"", "'paper' must be sparse or ekf"},
+        OutOfRange{"repair", "digest_period_s=\"0\"", "be > 0"},
+        OutOfRange{"repair", "max_ranges=\"65\"", "lie in 1..64"},
+        OutOfRange{"repair", "backoff_max_s=\"0.1\"", "be at least backoff_min_s"},
+        OutOfRange{"drift", "gamma=\"0\"", "gamma must be > 0"},
+        OutOfRange{"front_end", "gate=\"1\"", "confidences must lie in (0, 1)"},
+        OutOfRange{"association", "min_pairings=\"2\"", "min_pairings must be >= 3"},
+        OutOfRange{"static_bias", "sigma_x_m=\"-1\"", "<static_bias sigma_x_m> must be >= 0"},
+        OutOfRange{"drift", "gamma=\" 1\"", "' 1' is no finite number"},
+        OutOfRange{"drift", "gamma=\"0x10\"", "is no finite number"},
+        OutOfRange{"dds", "domain=\"+5\"", "is no whole number"},
+        OutOfRange{"dds", "domain=\"4294967296\"", "is no whole number from 0 to 4294967295"}));
 
 }  // namespace
 }  // namespace convoy

@@ -129,7 +129,8 @@ class RemembersWhatHasLeft final : public FrontEnd<SE2> {
 
 TEST_F(VehicleTest, AnAbsoluteFixIsStatedByWhatFactsMayUse) {
   RemembersWhatHasLeft slam;
-  Vehicle<SE2> vehicle(params_, slam, [this] { return network_.join(); }, clock_s);
+  Vehicle<SE2> vehicle(
+      params_, slam, [this] { return network_.join(); }, clock_s);
   vehicle.configure();
   ASSERT_TRUE(vehicle.feed_absolute_fix({0.0, 0.0}, {1.0, 2.0}, SE2::PointCovariance::Identity()));
   vehicle.inspect([](SubmapManager<SE2>& manager, FrontEndComponent<SE2>& front_end) {
@@ -277,7 +278,8 @@ TEST_F(VehicleTest, ASecondOneOnTheSameFolderIsRefusedBeforeItSpeaks) {
   FrozenLandmarks<SE2> slam;
   Vehicle<SE2> twin(
       params_, slam, [this] { return network_.join(); }, clock_s);
-  EXPECT_THAT(text_of([&] { twin.configure(); }), ::testing::HasSubstr("runs already, as process " + std::to_string(::getpid())));
+  EXPECT_THAT(text_of([&] { twin.configure(); }),
+              ::testing::HasSubstr("runs already, as process " + std::to_string(::getpid())));
   EXPECT_EQ(twin.state(), State::unconfigured);
   EXPECT_TRUE(peer->take(0.0).empty());
   vehicle().shutdown();

@@ -1,4 +1,5 @@
-// The consistency suite as a test: fixed seeds, printed; the model must pass it and wrong covariances and models must fail.
+// The consistency suite as a test: fixed seeds, printed; the model must pass it and wrong covariances and models must
+// fail.
 #include <convoy/config_error.hpp>
 #include <convoy/map/sparse_map.hpp>
 
@@ -26,16 +27,18 @@ constexpr std::uint64_t seed = 1, calibration_seed = 1000004;
 constexpr int runs = 200, slam_runs = 60;
 
 void print(const char* what, const Summary& s) {
-  std::printf("seed %d: %s: %d runs, ANEES %.3f (%.3f to %.3f), %.3f of the steps in band, coverage %.4f, position %.3f m, "
-              "distance %.3f m, false fusions %d of %d, true dropped %d of %d\n",
-              static_cast<int>(seed), what, s.runs, s.anees, s.anees_low, s.anees_high, s.steps_in_band, s.coverage95,
-              s.pos_rmse_m, s.distance_rmse_m, s.false_fusions, s.false_stated, s.true_dropped, s.true_stated);
+  std::printf(
+      "seed %d: %s: %d runs, ANEES %.3f (%.3f to %.3f), %.3f of the steps in band, coverage %.4f, position %.3f m, "
+      "distance %.3f m, false fusions %d of %d, true dropped %d of %d\n",
+      static_cast<int>(seed), what, s.runs, s.anees, s.anees_low, s.anees_high, s.steps_in_band, s.coverage95,
+      s.pos_rmse_m, s.distance_rmse_m, s.false_fusions, s.false_stated, s.true_dropped, s.true_stated);
 }
 
 template <class G>
 std::vector<RunSample> exact(const ExactModelParams& params, DriftModel model = DriftModel::local) {
   const DriftParams<G> drift = matching_drift<G>(params, model);
-  return each_run(runs, [&](int run) { return judge_stated(draw_exact_fleet(params, drift, seed, run), SparseMap<G>()); });
+  return each_run(runs,
+                  [&](int run) { return judge_stated(draw_exact_fleet(params, drift, seed, run), SparseMap<G>()); });
 }
 
 ExactModelParams on(Path path, int vehicles, double noise = 1.0) {
@@ -77,8 +80,8 @@ TEST(Consistency, ExactModelInThePlane) {
 }
 
 TEST(Consistency, ExactModelInSpace) {
-  expect_consistent_and_controls_to_fail<SE3>(
-      {on(Path::straight, 1), on(Path::loop, 1), on(Path::loop, 2), on(Path::figure_eight, 1), on(Path::far_origin, 1, 0.25)});
+  expect_consistent_and_controls_to_fail<SE3>({on(Path::straight, 1), on(Path::loop, 1), on(Path::loop, 2),
+                                               on(Path::figure_eight, 1), on(Path::far_origin, 1, 0.25)});
 }
 
 TEST(Consistency, LiteralModelFailsOnTheLoop) {
@@ -118,7 +121,7 @@ TEST(Consistency, EkfSlamWithDefaults) {
   EXPECT_LE(s.local.distance_rmse_m, 0.15);
   EXPECT_EQ(s.local.false_fusions, 0);
   EXPECT_GT(s.local.true_stated, 10 * slam_runs);  // they did meet ...
-  EXPECT_EQ(s.local.unlinked_runs, 0);      // ... all of them
+  EXPECT_EQ(s.local.unlinked_runs, 0);             // ... all of them
   EXPECT_GT(s.raw.distance_rmse_m, 20.0 * s.local.distance_rmse_m);
 }
 
@@ -159,7 +162,8 @@ TEST(Consistency, EkfSlamOverALossyNetwork) {
   const Simulated s = simulate<SE2>(params, "EKF-SLAM, 30 % lost");
   EXPECT_LE(s.local.anees, 1.15);
   EXPECT_GE(s.local.coverage95, 0.94);
-  EXPECT_LE(s.local.distance_rmse_m, 0.1 * s.raw.distance_rmse_m);  // half of the batches arrive: less is known, and it says so
+  EXPECT_LE(s.local.distance_rmse_m,
+            0.1 * s.raw.distance_rmse_m);  // half of the batches arrive: less is known, and it says so
   EXPECT_LE(s.local.unlinked_runs, 2);
 }
 
@@ -169,9 +173,11 @@ TEST(Consistency, NoFalseSetEntersTheMap) {
     params.aliases = agreeing ? 1 : 3;
     params.alias_places = agreeing ? 3 : 1;
     const DriftParams<SE2> drift = matching_drift<SE2>(params, DriftModel::local);
-    const Summary s = summarise(each_run(runs / 4, [&](int run) {
-                                  return judge_global_map(draw_exact_fleet(params, drift, seed, run), SparseMap<SE2>());
-                                }), 3);
+    const Summary s = summarise(
+        each_run(
+            runs / 4,
+            [&](int run) { return judge_global_map(draw_exact_fleet(params, drift, seed, run), SparseMap<SE2>()); }),
+        3);
     print(agreeing ? "false sets that agree" : "independent false sets", s);
     EXPECT_GT(s.false_stated, runs / 4);
     EXPECT_EQ(s.false_fusions, 0);
@@ -179,8 +185,8 @@ TEST(Consistency, NoFalseSetEntersTheMap) {
   }
 }
 
-// Every shift by a period fits. With the first batches alone, with some, and with all: nothing is fused wrongly, and the
-// vehicles stay apart rather than being put where they might be.
+// Every shift by a period fits. With the first batches alone, with some, and with all: nothing is fused wrongly, and
+// the vehicles stay apart rather than being put where they might be.
 TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
   for (const double repeat_m : {20.0, 30.0}) {
     EkfSlamParams params;
@@ -201,7 +207,8 @@ TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
       print(("a street that repeats itself, batches: " + std::to_string(batches)).c_str(), s);
       EXPECT_GT(s.false_stated, slam_runs / 4) << "no double was ever seen";
       EXPECT_EQ(s.false_fusions, 0);
-      EXPECT_LE(s.anees, 1.5);  // with few batches these are 60 draws from static biases: 1 +- 0.2; a wrong fusion: hundreds
+      EXPECT_LE(s.anees,
+                1.5);  // with few batches these are 60 draws from static biases: 1 +- 0.2; a wrong fusion: hundreds
       EXPECT_GE(s.coverage95, 0.9);
     }
   }
@@ -218,8 +225,9 @@ TEST(ConsistencyParts, FitFindsTheRatesOfTheLiteralModel) {
     for (int k = 0; k <= 40; ++k) {
       track.steps.push_back({{10.0 * k, 10.0 * k, X, SE2::Covariance::Zero()}, T});
       const SE2 X_next = X * SE2::Exp({10.0, 0.0, 0.05});
-      const SE2::Tangent eps = Eigen::Vector3d(std::sqrt(10.0 * translation), std::sqrt(10.0 * translation),
-                                               std::sqrt(10.0 * rotation)).cwiseProduct(draw.unit_normal<3>());
+      const SE2::Tangent eps =
+          Eigen::Vector3d(std::sqrt(10.0 * translation), std::sqrt(10.0 * translation), std::sqrt(10.0 * rotation))
+              .cwiseProduct(draw.unit_normal<3>());
       T = T * (X.inverse() * X_next) * SE2::Exp(X_next.inverse().adjoint() * eps);
       X = X_next;
     }
@@ -249,7 +257,8 @@ TEST(ConsistencyParts, SummaryOfKnownNumbers) {
 TEST(ConsistencyParts, SameSeedSameBits) {
   const ExactModelParams params;
   const auto drift = matching_drift<SE2>(params, DriftModel::local);
-  const auto a = each_run(6, [&](int run) { return judge_stated(draw_exact_fleet(params, drift, 3, run), SparseMap<SE2>()); });
+  const auto a =
+      each_run(6, [&](int run) { return judge_stated(draw_exact_fleet(params, drift, 3, run), SparseMap<SE2>()); });
   for (int run = 5; run >= 0; --run) {  // in another order, on one thread
     const RunSample b = judge_stated(draw_exact_fleet(params, drift, 3, run), SparseMap<SE2>());
     ASSERT_EQ(a[static_cast<std::size_t>(run)].poses.size(), b.poses.size());
@@ -270,14 +279,14 @@ TEST(ConsistencyParts, CommandWritesJsonAndPage) {
   EXPECT_EQ(status, json.at("pass").get<bool>() ? 0 : 1);
   std::set<std::pair<int, std::string>> models;
   for (const auto& row : json.at("rows")) {
-    for (const char* key : {"scenario", "runs", "anees", "anees_low", "anees_high", "steps_in_band", "coverage95", "pos_rmse_m",
-                            "distance_rmse_m", "false_fusions", "true_dropped"})
+    for (const char* key : {"scenario", "runs", "anees", "anees_low", "anees_high", "steps_in_band", "coverage95",
+                            "pos_rmse_m", "distance_rmse_m", "false_fusions", "true_dropped"})
       EXPECT_TRUE(row.contains(key)) << key;
     models.insert({row.at("dim").get<int>(), row.at("model").get<std::string>()});
   }
   for (const int dim : {2, 3})
-    for (const char* model : {"raw SLAM", "literal, sparse map", "literal, EKF map", "literal, fitted noise, sparse map",
-                              "local, EKF map", "local, sparse map"})
+    for (const char* model : {"raw SLAM", "literal, sparse map", "literal, EKF map",
+                              "literal, fitted noise, sparse map", "local, EKF map", "local, sparse map"})
       EXPECT_TRUE(models.count({dim, model})) << dim << " " << model;
   std::set<std::string> controls;
   for (const auto& control : json.at("controls")) controls.insert(control.at("what").get<std::string>());

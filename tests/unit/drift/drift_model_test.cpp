@@ -6,8 +6,8 @@
 
 #include "../random_world.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
 
 #include <limits>
 #include <vector>

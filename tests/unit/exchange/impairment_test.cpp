@@ -59,14 +59,16 @@ TEST_P(UnusableImpairment, IsRefusedWithItsNameAndTheMend) {
 
 INSTANTIATE_TEST_SUITE_P(Entries, UnusableImpairment,
                          testing::Values("loss=1", "loss=-0.1", "loss=1.5", "loss=nan", "loss=", "loss", "loss=0.3x",
-                                         "duplicate=1.1", "delay=-1", "delay=inf", "delay=3601", "jitter=nan", "jitter=fast", "seed=-1", "Loss=0.3",
-                                         " loss=0.3", "speed=3", "=1", "loss=0.1=0.2"));
+                                         "duplicate=1.1", "delay=-1", "delay=inf", "delay=3601", "jitter=nan",
+                                         "jitter=fast", "seed=-1", "Loss=0.3", " loss=0.3", "speed=3", "=1",
+                                         "loss=0.1=0.2"));
 
 TEST(Impairment, OneValidationServesTheCommandTheFileAndTheHost) {
   EXPECT_NO_THROW(validate(Impairment{.loss = 0.999, .duplicate = 1.0, .delay_s = 3600.0, .jitter_s = 0.0}));
   const double nan = std::nan("");
-  for (const Impairment& bad : {Impairment{.loss = 1.0}, Impairment{.loss = nan}, Impairment{.duplicate = 1.01},
-                                Impairment{.delay_s = -0.1}, Impairment{.jitter_s = nan}, Impairment{.jitter_s = 3601.0}}) {
+  for (const Impairment& bad :
+       {Impairment{.loss = 1.0}, Impairment{.loss = nan}, Impairment{.duplicate = 1.01}, Impairment{.delay_s = -0.1},
+        Impairment{.jitter_s = nan}, Impairment{.jitter_s = 3601.0}}) {
     EXPECT_THROW(validate(bad), ConfigError);
     EXPECT_THROW(ImpairedQueue<SE2>{bad}, ConfigError);
   }

@@ -5,8 +5,8 @@
 #include "../../support/front_end_contract.hpp"
 #include "range_bearing_world.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
 
 #include <limits>
 

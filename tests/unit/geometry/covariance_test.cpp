@@ -1,7 +1,7 @@
 #include <convoy/geometry/covariance.hpp>
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
+#include <Eigen/LU>
 
 #include <cmath>
 #include <limits>

@@ -39,8 +39,11 @@ TEST(Se3, OfThePlaneIsSe2) {
     EXPECT_LT((SE3::Exp(raised(d)).inverse() * raised(SE2::Exp(d))).Log().norm(), 1e-11) << k;
     EXPECT_LT((raised(A).adjoint() * raised(d) - raised(SE2::Tangent(A.adjoint() * d))).norm(), 1e-9) << k;
     const SE2::Tangent e(1.0, -0.5, 0.3);
-    EXPECT_LT((SE3::right_jacobian_inverse(raised(d)) * raised(e) -
-               raised(SE2::Tangent(SE2::right_jacobian_inverse(d) * e))).norm(), 1e-9) << k;
+    EXPECT_LT(
+        (SE3::right_jacobian_inverse(raised(d)) * raised(e) - raised(SE2::Tangent(SE2::right_jacobian_inverse(d) * e)))
+            .norm(),
+        1e-9)
+        << k;
   }
 }
 

@@ -249,8 +249,8 @@ TYPED_TEST(AbsoluteFixes, AreLeftOutByThePapersFilter) {
   }
 }
 
-// Several fixes between two anchors share the drift since the first: exact ones must not be believed more than that. Two
-// vehicles stop every 10 m, and every fourth stop is an anchor.
+// Several fixes between two anchors share the drift since the first: exact ones must not be believed more than that.
+// Two vehicles stop every 10 m, and every fourth stop is an anchor.
 TYPED_TEST(AbsoluteFixes, BetweenTwoAnchorsShareTheDriftBetweenThem) {
   using G = TypeParam;
   double sum = 0.0;
@@ -309,7 +309,8 @@ TYPED_TEST(AbsoluteFixes, AGrossErrorAmongExactOnesIsDropped) {
     ASSERT_TRUE(global.map->datum().has_value());
     const auto pose = global.map->pose(chain_of(1), fleet.fleet.anchor(key_of(1, 8)).state);
     const G in_enu = global.map->datum()->mean * pose->mean;
-    EXPECT_LT((in_enu.translation() - (enu_of_world<G>() * fleet.fleet.truth.at(key_of(1, 8))).translation()).norm(), 0.5)
+    EXPECT_LT((in_enu.translation() - (enu_of_world<G>() * fleet.fleet.truth.at(key_of(1, 8))).translation()).norm(),
+              0.5)
         << seed;
   }
 }
@@ -363,7 +364,8 @@ TYPED_TEST(AbsoluteFixes, OfAnUnknownChainOrAnchorWaitForIt) {
   const auto of_two = [](const FactOf<G>& fact, bool anchors) {
     return std::visit(
         [&](const auto& f) {
-          return f.key.chain == chain_of(2) && (anchors || std::is_same_v<std::decay_t<decltype(f)>, AbsoluteFixFact<G>>);
+          return f.key.chain == chain_of(2) &&
+                 (anchors || std::is_same_v<std::decay_t<decltype(f)>, AbsoluteFixFact<G>>);
         },
         fact);
   };

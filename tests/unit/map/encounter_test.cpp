@@ -42,7 +42,9 @@ class MeetingFleet {
     e.position = fleet.truth.at(key_of(1, k)).inverse() * (fleet.truth.at(key_of(2, k)) * mark) + error;
     e.covariance = sigma_m * sigma_m * G::PointCovariance::Identity();
     fleet.facts.emplace_back(e);
-    if (answered == 2) fleet.facts.emplace_back(WaypointFact<G>{key_of(2, e.key.index), k, fleet.anchor(key_of(2, k)).state, e.key, mark});
+    if (answered == 2)
+      fleet.facts.emplace_back(
+          WaypointFact<G>{key_of(2, e.key.index), k, fleet.anchor(key_of(2, k)).state, e.key, mark});
     return e.key;
   }
   Key meet(std::uint32_t k) { return meet(k, sigma_m * fleet.random().template unit_normal<G::Dim>()); }
@@ -89,9 +91,11 @@ TYPED_TEST(Encounters, JacobiansAreTheNumericOnes) {
     for (int i = 0; i < G::Dof; ++i) {
       const typename G::Tangent e = h * G::Tangent::Unit(i);
       const typename G::Point by_o =
-          (EncounterResidual<G>(f, T_o * G::Exp(e), T_w).r - EncounterResidual<G>(f, T_o * G::Exp(-e), T_w).r) / (2.0 * h);
+          (EncounterResidual<G>(f, T_o * G::Exp(e), T_w).r - EncounterResidual<G>(f, T_o * G::Exp(-e), T_w).r) /
+          (2.0 * h);
       const typename G::Point by_w =
-          (EncounterResidual<G>(f, T_o, T_w * G::Exp(e)).r - EncounterResidual<G>(f, T_o, T_w * G::Exp(-e)).r) / (2.0 * h);
+          (EncounterResidual<G>(f, T_o, T_w * G::Exp(e)).r - EncounterResidual<G>(f, T_o, T_w * G::Exp(-e)).r) /
+          (2.0 * h);
       EXPECT_LT((one.J_o.col(i) - by_o).cwiseAbs().maxCoeff(), 1e-6);
       EXPECT_LT((one.J_w.col(i) - by_w).cwiseAbs().maxCoeff(), 1e-6);
     }

@@ -81,8 +81,8 @@ TYPED_TEST(Factors, LandmarkJacobiansAreTheNumericOnes) {
     EXPECT_LT((at.r - (T.inverse() * m - f.position)).norm(), 1e-12) << k;
     const auto J_T = this->template numeric<G::Dof>(
         [&](const typename G::Tangent& d) { return LandmarkResidual<G>(f, T * G::Exp(d), m).r; });
-    const auto J_m = this->template numeric<G::Dim>(
-        [&](const typename G::Point& d) { return LandmarkResidual<G>(f, T, m + d).r; });
+    const auto J_m =
+        this->template numeric<G::Dim>([&](const typename G::Point& d) { return LandmarkResidual<G>(f, T, m + d).r; });
     EXPECT_LT(this->worst(at.J_T, J_T), 1e-6) << k;
     EXPECT_LT(this->worst(at.J_m, J_m), 1e-6) << k;
   }

@@ -176,7 +176,8 @@ TEST(BuildGlobalMap, DropsAHypothesisThatContradictsTheRest) {
   }
 }
 
-// The only one between its two chains, whose starts nobody knows: what it contradicts is the way round by a third vehicle.
+// The only one between its two chains, whose starts nobody knows: what it contradicts is the way round by a third
+// vehicle.
 TEST(BuildGlobalMap, DropsAHypothesisThatContradictsTheWayRoundByAnotherVehicle) {
   for (const std::uint64_t seed : {7U, 8U, 9U}) {
     auto fleet = test::street_fleet(seed, {.bias = SE2::Tangent::Zero()});

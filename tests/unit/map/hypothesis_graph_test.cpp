@@ -18,7 +18,8 @@ namespace {
 template <class G>
 class HypothesisGraphs : public testing::Test {
  protected:
-  explicit HypothesisGraphs() : fleet(test::street_fleet<G>(41)), store(fleet.store()), selection(select(store, SelectionParams{})) {
+  explicit HypothesisGraphs()
+      : fleet(test::street_fleet<G>(41)), store(fleet.store()), selection(select(store, SelectionParams{})) {
     map = SparseMap<G>().solve(build_problem<G>(store, selection));
   }
   std::size_t accepted() const {
@@ -55,23 +56,27 @@ TYPED_TEST(HypothesisGraphs, LeavingOneOutIsAMapWithoutIt) {
     problem.landmarks.clear();
     for (std::size_t n = 0; n < problem.nodes.size(); ++n) problem.nodes[n].initial = this->map->poses()[n];
     const auto node_of = [&](const Key& anchor) {
-      const auto it = std::find_if(problem.nodes.begin(), problem.nodes.end(), [&](const auto& n) { return n.anchor == anchor; });
+      const auto it =
+          std::find_if(problem.nodes.begin(), problem.nodes.end(), [&](const auto& n) { return n.anchor == anchor; });
       return static_cast<int>(it - problem.nodes.begin());
     };
     for (const Hypothesis<G>& other : this->selection.hypotheses)
       if (other.state == HypothesisState::accepted && other.id != h.id)
-        problem.drifts.push_back({node_of(other.batch_a), node_of(other.batch_b), other.alignment.T_a_b, other.alignment.covariance()});
+        problem.drifts.push_back(
+            {node_of(other.batch_a), node_of(other.batch_b), other.alignment.T_a_b, other.alignment.covariance()});
     const auto without = SparseMap<G>().solve(problem);
     const auto& nodes = without->problem().nodes;
     const int a = node_of(h.batch_a), b = node_of(h.batch_b);
     const auto& node_a = nodes[static_cast<std::size_t>(a)];
     const auto& node_b = nodes[static_cast<std::size_t>(b)];
     const auto P = *without->joint_covariance(node_a.anchor.chain, node_a.slam, node_b.anchor.chain, node_b.slam);
-    const DriftResidual<G> one({a, b, h.alignment.T_a_b, h.alignment.covariance()}, without->poses()[static_cast<std::size_t>(a)],
+    const DriftResidual<G> one({a, b, h.alignment.T_a_b, h.alignment.covariance()},
+                               without->poses()[static_cast<std::size_t>(a)],
                                without->poses()[static_cast<std::size_t>(b)]);
     Eigen::Matrix<double, G::Dof, 2 * G::Dof> J;
     J << one.J_a, one.J_b;
-    const double expected = squared_mahalanobis(one.r, symmetrised(typename G::Covariance(J * P * J.transpose() + h.alignment.covariance())));
+    const double expected = squared_mahalanobis(
+        one.r, symmetrised(typename G::Covariance(J * P * J.transpose() + h.alignment.covariance())));
     EXPECT_EQ(contradictions[k].second, G::Dof);
     EXPECT_NEAR(contradictions[k].first, expected, 0.02 * (1.0 + expected));  // of first order
     ++judged;

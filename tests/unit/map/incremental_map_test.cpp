@@ -41,7 +41,8 @@ Difference difference(Map<G>& a, Map<G>& exact) {
     const auto step = sb.step_to(sa, u, u);
     if (sa.is_node(u) && exact.problem().datum != u) {
       const auto& node = exact.problem().nodes[static_cast<std::size_t>(u)];
-      compare(step, a.pose(node.anchor.chain, node.slam)->covariance, exact.pose(node.anchor.chain, node.slam)->covariance);
+      compare(step, a.pose(node.anchor.chain, node.slam)->covariance,
+              exact.pose(node.anchor.chain, node.slam)->covariance);
     } else if (sa.is_point(u)) {
       const int p = u - exact.problem().unknown_of_point(0);
       compare(step, a.class_point(p).covariance, exact.class_point(p).covariance);
@@ -143,18 +144,21 @@ TEST(IncrementalMap, WorksInWhatIsNewAlone) {
   test::SampleFleet fleet(7);
   for (const VehicleId v : {1U, 2U}) {
     fleet.start(v, SE2(50.0, 3.0 * v, M_PI / 2.0), v == 1 ? test::known_start : test::fair_start);
-    for (int k = 1; k <= 60; ++k) fleet.stop(v, SE2(50.0 * std::cos(0.1 * k), 50.0 * std::sin(0.1 * k) + 3.0 * v, 0.1 * k + M_PI / 2.0));
+    for (int k = 1; k <= 60; ++k)
+      fleet.stop(v, SE2(50.0 * std::cos(0.1 * k), 50.0 * std::sin(0.1 * k) + 3.0 * v, 0.1 * k + M_PI / 2.0));
   }
   for (std::uint32_t k = 1; k < 60; ++k)
     if (const auto pairs = fleet.common(key_of(1, k), key_of(2, k)); pairs.size() >= 5) fleet.associate(2, pairs);
   auto facts = fleet.facts;
-  const auto last = std::find_if(facts.rbegin(), facts.rend(), [](const auto& f) { return std::holds_alternative<AssociationFact>(f); });
+  const auto last = std::find_if(facts.rbegin(), facts.rend(),
+                                 [](const auto& f) { return std::holds_alternative<AssociationFact>(f); });
   ASSERT_NE(last, facts.rend());
   const test::FactOf<SE2> newest = *last;
   facts.erase(std::next(last).base());
   FactStore<SE2> store = test::SampleFleet::store_of(facts);
   IncrementalMap<SE2> incremental;
-  for (int again = 0; again < 3; ++again) incremental.solve(build_problem<SE2>(store, select(store, SelectionParams{})));
+  for (int again = 0; again < 3; ++again)
+    incremental.solve(build_problem<SE2>(store, select(store, SelectionParams{})));
   EXPECT_EQ(incremental.last().fronts, 0);
   EXPECT_EQ(incremental.last().new_factors, 0);
   test::insert(store, newest);
@@ -162,7 +166,9 @@ TEST(IncrementalMap, WorksInWhatIsNewAlone) {
   EXPECT_GT(incremental.last().fronts, 0);
   EXPECT_LT(incremental.last().new_factors, 30);
   EXPECT_LE(incremental.last().iterations, 2);
-  EXPECT_LT(difference(*map, *SparseMap<SE2>().solve(build_problem<SE2>(store, select(store, SelectionParams{})))).sigmas, 0.1);
+  EXPECT_LT(
+      difference(*map, *SparseMap<SE2>().solve(build_problem<SE2>(store, select(store, SelectionParams{})))).sigmas,
+      0.1);
 }
 
 TYPED_TEST(IncrementalMaps, GoOnFromAnotherSolution) {

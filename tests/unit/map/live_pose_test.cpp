@@ -5,8 +5,8 @@
 
 #include "sample_fleet.hpp"
 
-#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
+#include <Eigen/Cholesky>
 
 #include <algorithm>
 

@@ -3,8 +3,8 @@
 
 #include "sample_fleet.hpp"
 
-#include <Eigen/Eigenvalues>
 #include <gtest/gtest.h>
+#include <Eigen/Eigenvalues>
 
 namespace convoy {
 namespace {

@@ -1,5 +1,5 @@
-// Drift that is no random walk: constants of an odometer (F5) and bounded components (F6). Whether the result is consistent is
-// measured by the consistency suite; here stands what must hold exactly.
+// Drift that is no random walk: constants of an odometer (F5) and bounded components (F6). Whether the result is
+// consistent is measured by the consistency suite; here stands what must hold exactly.
 #include <convoy/config_error.hpp>
 #include <convoy/drift/drift_model.hpp>
 #include <convoy/map/factors.hpp>
@@ -67,7 +67,8 @@ TYPED_TEST(PersistentDrifts, TheEffectOfConstantsIsKnownBetweenAnyTwoStates) {
       const auto i = static_cast<std::size_t>(a), j = static_cast<std::size_t>(b);
       return (increment(way.states[i], way.states[j]).motion.inverse() * way.truth[i].inverse() * way.truth[j]).Log();
     };
-    const auto A = increment(scaled.states[static_cast<std::size_t>(a)], scaled.states[static_cast<std::size_t>(b)]).constants;
+    const auto A =
+        increment(scaled.states[static_cast<std::size_t>(a)], scaled.states[static_cast<std::size_t>(b)]).constants;
     EXPECT_LT((effect(scaled) / kappa - A.col(0)).norm(), 1e-2 * (1.0 + A.col(0).norm())) << a << ".." << b;
     EXPECT_LT((effect(turned) / g - A.col(1)).norm(), 1e-2 * (1.0 + A.col(1).norm())) << a << ".." << b;
   }
@@ -97,14 +98,21 @@ TYPED_TEST(PersistentDrifts, DriftJacobiansAreTheNumericOnes) {
     const DriftResidual<G> one(f, T_a, T_b, c);
     for (int i = 0; i < G::Dof; ++i) {
       const typename G::Tangent e = h * G::Tangent::Unit(i);
-      const auto by_a = ((DriftResidual<G>(f, T_a * G::Exp(e), T_b, c).r - DriftResidual<G>(f, T_a * G::Exp(-e), T_b, c).r) / (2.0 * h)).eval();
-      const auto by_b = ((DriftResidual<G>(f, T_a, T_b * G::Exp(e), c).r - DriftResidual<G>(f, T_a, T_b * G::Exp(-e), c).r) / (2.0 * h)).eval();
+      const auto by_a =
+          ((DriftResidual<G>(f, T_a * G::Exp(e), T_b, c).r - DriftResidual<G>(f, T_a * G::Exp(-e), T_b, c).r) /
+           (2.0 * h))
+              .eval();
+      const auto by_b =
+          ((DriftResidual<G>(f, T_a, T_b * G::Exp(e), c).r - DriftResidual<G>(f, T_a, T_b * G::Exp(-e), c).r) /
+           (2.0 * h))
+              .eval();
       EXPECT_LT((one.J_a.col(i) - by_a).cwiseAbs().maxCoeff(), 1e-6);
       EXPECT_LT((one.J_b.col(i) - by_b).cwiseAbs().maxCoeff(), 1e-6);
     }
     for (int i = 0; i < c.size(); ++i) {
       const Constants<G> e = h * Constants<G>::Unit(i);
-      const auto by_c = ((DriftResidual<G>(f, T_a, T_b, c + e).r - DriftResidual<G>(f, T_a, T_b, c - e).r) / (2.0 * h)).eval();
+      const auto by_c =
+          ((DriftResidual<G>(f, T_a, T_b, c + e).r - DriftResidual<G>(f, T_a, T_b, c - e).r) / (2.0 * h)).eval();
       EXPECT_LT((one.J_c.col(i) - by_c).cwiseAbs().maxCoeff(), 1e-6);
     }
   }
@@ -125,15 +133,18 @@ TEST(BoundedDrift, JacobiansAreTheNumericOnes) {
       const BoundedResidual one(f, before, T_b, 1.5);
       for (int i = 0; i < 6; ++i) {
         const SE3::Tangent e = h * SE3::Tangent::Unit(i);
-        const Eigen::Vector3d by_b =
-            (BoundedResidual(f, before, T_b * SE3::Exp(e), 1.5).r - BoundedResidual(f, before, T_b * SE3::Exp(-e), 1.5).r) / (2.0 * h);
+        const Eigen::Vector3d by_b = (BoundedResidual(f, before, T_b * SE3::Exp(e), 1.5).r -
+                                      BoundedResidual(f, before, T_b * SE3::Exp(-e), 1.5).r) /
+                                     (2.0 * h);
         EXPECT_LT((one.J_b.col(i) - by_b).cwiseAbs().maxCoeff(), 1e-6);
         if (before == nullptr) continue;
         const SE3 ahead = T_a * SE3::Exp(e), behind = T_a * SE3::Exp(-e);
-        const Eigen::Vector3d by_a = (BoundedResidual(f, &ahead, T_b, 1.5).r - BoundedResidual(f, &behind, T_b, 1.5).r) / (2.0 * h);
+        const Eigen::Vector3d by_a =
+            (BoundedResidual(f, &ahead, T_b, 1.5).r - BoundedResidual(f, &behind, T_b, 1.5).r) / (2.0 * h);
         EXPECT_LT((one.J_a.col(i) - by_a).cwiseAbs().maxCoeff(), 1e-6);
       }
-      const Eigen::Vector3d by_h = (BoundedResidual(f, before, T_b, 1.5 + h).r - BoundedResidual(f, before, T_b, 1.5 - h).r) / (2.0 * h);
+      const Eigen::Vector3d by_h =
+          (BoundedResidual(f, before, T_b, 1.5 + h).r - BoundedResidual(f, before, T_b, 1.5 - h).r) / (2.0 * h);
       EXPECT_LT((one.J_c - by_h).cwiseAbs().maxCoeff(), 1e-6);
     }
   }
@@ -187,7 +198,8 @@ TYPED_TEST(PersistentDrifts, ConstantsAreLearntAndTheWholeWayIsCorrected) {
   const auto worst_of = [&](const GlobalMap<G>& map) {
     double worst = 0.0;
     for (std::size_t s = 0; s < way.states.size(); s += 10)
-      worst = std::max(worst, (map.map->pose(chain_of(1), way.states[s])->mean.translation() - way.truth[s].translation()).norm());
+      worst = std::max(
+          worst, (map.map->pose(chain_of(1), way.states[s])->mean.translation() - way.truth[s].translation()).norm());
     return worst;
   };
   EXPECT_LT(worst_of(global), 0.25);
@@ -222,7 +234,9 @@ TYPED_TEST(PersistentDrifts, UnfitOnesAreRefused) {
   EXPECT_EQ(with([](PersistentDrift& p) { p.tilt_rad = 0.01; }), Insertion::malformed) << "no direction, no length";
   EXPECT_EQ(with([](PersistentDrift& p) { p.correlation_m = 10.0; }), Insertion::malformed) << "of nothing";
   EXPECT_EQ(with([](PersistentDrift& p) { p = {0.0, 0.0, 0.01, 0.0, 10.0, {0.0, 0.0, 2.0}}; }), Insertion::malformed);
-  EXPECT_EQ(with([](PersistentDrift& p) { p = {0.0, 0.0, 0.01, 0.0, 10.0, {0.0, 0.0, 1.0}}; }),
+  EXPECT_EQ(with([](PersistentDrift& p) {
+              p = {0.0, 0.0, 0.01, 0.0, 10.0, {0.0, 0.0, 1.0}};
+            }),
             G::Dim == 3 ? Insertion::inserted : Insertion::malformed);
   EXPECT_THROW(validate(with_constants<G>(-1.0)), ConfigError);
   DriftParams<G> literal = with_constants<G>();

@@ -124,7 +124,8 @@ TYPED_TEST(Rules, AnExactMapKnowsNothingOfUpdatesBefore) {
     for (std::size_t n = 0; n < quick.map->poses().size(); ++n) {
       const auto& node = quick.map->problem().nodes[n];
       if (node.anchor.chain.vehicle > 3) continue;  // the datum
-      const auto exact = reference.map->pose(node.anchor.chain, node.slam), near = quick.map->pose(node.anchor.chain, node.slam);
+      const auto exact = reference.map->pose(node.anchor.chain, node.slam),
+                 near = quick.map->pose(node.anchor.chain, node.slam);
       EXPECT_LT((exact->mean.inverse() * near->mean).Log().norm(), 0.02);
       EXPECT_LT((exact->covariance - near->covariance).norm(), 0.05 * exact->covariance.norm());
     }

@@ -113,8 +113,8 @@ class SampleFleetOf {
     facts.emplace_back(verdict(author, verdicts_[author]++, hypothesis, veto));
   }
 
-  /// A receiver says where its antenna was at that anchor, east-north(-up) being enu_of_world() of the world. `error`: of
-  /// the position [m]. `hung_on`: the anchor to refer to, if it is another one before.
+  /// A receiver says where its antenna was at that anchor, east-north(-up) being enu_of_world() of the world. `error`:
+  /// of the position [m]. `hung_on`: the anchor to refer to, if it is another one before.
   Key fix(const Key& at, const typename G::Point& error, double sigma_m, std::optional<std::uint32_t> hung_on = {}) {
     const VehicleId v = at.chain.vehicle;
     AbsoluteFixFact<G> f{key_of(v, fixes_[v]++), hung_on.value_or(at.index), anchor(at).state};

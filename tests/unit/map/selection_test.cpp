@@ -204,7 +204,8 @@ TEST(Select, TheSameStatementOfTwoAuthorsHasNoEffect) {
   EXPECT_EQ(b.hypotheses.size(), 1U);
   EXPECT_EQ(a.digest, b.digest);
   EXPECT_EQ(a.classes, b.classes);
-  EXPECT_EQ(test::built(once.fleet.store(), unconfirmed_too).map->digest(), test::built(twice.fleet.store(), unconfirmed_too).map->digest());
+  EXPECT_EQ(test::built(once.fleet.store(), unconfirmed_too).map->digest(),
+            test::built(twice.fleet.store(), unconfirmed_too).map->digest());
   EXPECT_EQ(once.fleet.store().digest(), twice.fleet.store().digest());
 }
 

@@ -7,9 +7,9 @@
 
 #include "sample_fleet.hpp"
 
-#include <Eigen/QR>
-#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
+#include <Eigen/Cholesky>
+#include <Eigen/QR>
 
 #include <cstdio>
 
@@ -70,7 +70,8 @@ Eigen::VectorXd residuals(const Problem<G>& problem, const Estimates<G>& x) {
       e.segment<G::Dim>(G::Dim * i) = pose(f.node).inverse() * x.points[static_cast<std::size_t>(f.point)] - f.position;
       for (Eigen::Index j = 0; j < n; ++j)
         P.block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j) =
-            i == j ? Eigen::MatrixXd(f.covariance) : Eigen::MatrixXd(loading(f) * loading(batch[static_cast<std::size_t>(j)]).transpose());
+            i == j ? Eigen::MatrixXd(f.covariance)
+                   : Eigen::MatrixXd(loading(f) * loading(batch[static_cast<std::size_t>(j)]).transpose());
     }
     add(e, P);
   }
@@ -203,8 +204,8 @@ TYPED_TEST(SparseMapOf, StandsWhereTheCostNoLongerFalls) {
 
 TYPED_TEST(SparseMapOf, IsTheFilterOfThePaperWhereTheProblemIsLinear) {
   using G = TypeParam;
-  const auto fleet =
-      test::street_fleet<G>(5, {.scale = 1e-5, .bias = test::fair_start_of<G>});  // errors of um: one linearisation serves
+  const auto fleet = test::street_fleet<G>(
+      5, {.scale = 1e-5, .bias = test::fair_start_of<G>});  // errors of um: one linearisation serves
   const Problem<G> problem = unshared(problem_of(fleet));
   const auto sparse = SparseMap<G>().solve(problem), ekf = EkfMap<G>().solve(problem);
   ASSERT_TRUE(sparse->report().converged);
@@ -298,8 +299,8 @@ TYPED_TEST(SparseMapOf, IsConsistentWithTheModelItAssumes) {
   using G = TypeParam;
   const double dof = G::Dof * 200;
   const Nees nees = monte_carlo<G>(200, {.shared_m = 0.0});
-  std::printf("NEES per dof: pose %.3f, relative pose %.3f, residuals %.3f\n", nees.pose / dof,
-              nees.between / dof, nees.chi2 / nees.dof);
+  std::printf("NEES per dof: pose %.3f, relative pose %.3f, residuals %.3f\n", nees.pose / dof, nees.between / dof,
+              nees.chi2 / nees.dof);
   EXPECT_TRUE(in_band(nees.pose, dof)) << nees.pose / dof;
   EXPECT_TRUE(in_band(nees.between, dof)) << nees.between / dof;
   EXPECT_NEAR(nees.chi2 / nees.dof, 1.0, 0.05);

@@ -166,7 +166,8 @@ TEST_P(RandomMatrices, JointCovarianceOfAnyNumber) {
   for (const int i : blocks) {
     int column = 0;
     for (const int j : blocks) {
-      const Eigen::MatrixXd expected = inverse.block(matrix.offset(i), matrix.offset(j), matrix.size(i), matrix.size(j));
+      const Eigen::MatrixXd expected =
+          inverse.block(matrix.offset(i), matrix.offset(j), matrix.size(i), matrix.size(j));
       EXPECT_LT((joint.block(row, column, matrix.size(i), matrix.size(j)) - expected).norm(), 1e-11);
       column += matrix.size(j);
     }

@@ -75,7 +75,8 @@ class Grown {
       for (std::size_t i = 0; i < rows.size(); ++i) {
         b[rows[i]] += term.b[static_cast<Eigen::Index>(i)];
         for (std::size_t j = 0; j < rows.size(); ++j)
-          H(rows[i], rows[j]) += term.H(static_cast<Eigen::Index>(std::max(i, j)), static_cast<Eigen::Index>(std::min(i, j)));
+          H(rows[i], rows[j]) +=
+              term.H(static_cast<Eigen::Index>(std::max(i, j)), static_cast<Eigen::Index>(std::min(i, j)));
       }
     }
     const Eigen::MatrixXd P = H.inverse();
@@ -147,7 +148,8 @@ TEST_P(FrontTrees, EqualADenseSolutionAtEveryMoment) {
   for (int round = 0; round < 60; ++round) {
     for (int k = grown.below(4); k >= 0; --k) {
       switch (grown.below(round < 20 ? 6 : 7)) {
-        case 0: case 1: grown.add_unknown(); break;
+        case 0:
+        case 1: grown.add_unknown(); break;
         case 2: grown.link(); break;
         case 3: grown.change_some_term(); break;
         case 4: grown.remove_some_term(); break;

@@ -421,7 +421,8 @@ TEST(FactStore, RefusesAbsoluteFixesThatCannotBe) {
   EXPECT_EQ(spoilt([](auto& f) { f.anchor = 0xffffffffU; }), Insertion::out_of_range);
   EXPECT_EQ(store.insert(good), Insertion::inserted);
   EXPECT_EQ(store.insert(good), Insertion::duplicate);
-  EXPECT_EQ(store.missing(good.key.chain, FactKind::anchor), (std::vector<IndexRange>{{0, 3}})) << "its anchor is known to exist";
+  EXPECT_EQ(store.missing(good.key.chain, FactKind::anchor), (std::vector<IndexRange>{{0, 3}}))
+      << "its anchor is known to exist";
   EXPECT_EQ(store.missing(good.key.chain, FactKind::absolute_fix), (std::vector<IndexRange>{{0, 2}}));
 }
 
@@ -456,7 +457,8 @@ TEST(FactStore, RefusesEncountersAndWaypointsThatCannotBe) {
   EXPECT_EQ(test::Store(limits).check(test::encounter(3, 2)), Insertion::unknown_vehicle) << "4 is not on the roster";
   EXPECT_EQ(store.insert(test::waypoint(3, 2)), Insertion::inserted);
   EXPECT_EQ(store.missing(test::chain_of(3), FactKind::anchor), (std::vector<IndexRange>{{0, 3}}));
-  EXPECT_EQ(store.missing(test::chain_of(2), FactKind::encounter), (std::vector<IndexRange>{{0, 3}})) << "what it answers is known to exist";
+  EXPECT_EQ(store.missing(test::chain_of(2), FactKind::encounter), (std::vector<IndexRange>{{0, 3}}))
+      << "what it answers is known to exist";
 }
 
 }  // namespace

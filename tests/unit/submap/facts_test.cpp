@@ -5,8 +5,8 @@
 
 #include <gtest/gtest.h>
 
-#include <limits>
 #include <functional>
+#include <limits>
 #include <set>
 
 namespace convoy {
@@ -198,26 +198,29 @@ void expect_every_change_shows(const Fact& good, const std::vector<std::function
 TEST(FactHash, OfAnEncounterAndOfAWaypointCoversEveryField) {
   using Encounter = EncounterFact<SE2>;
   expect_every_change_shows<Encounter>(
-      test::encounter(3, 2), {[](Encounter& f) { ++f.key.index; }, [](Encounter& f) { ++f.anchor; },
-                              [](Encounter& f) { f.state.stamp_s += 1e-9; }, [](Encounter& f) { ++f.other; },
-                              [](Encounter& f) { f.position[0] += 1e-9; }, [](Encounter& f) { f.position[1] += 1e-9; },
-                              [](Encounter& f) { f.covariance(0, 0) += 1e-9; }, [](Encounter& f) { f.covariance(0, 1) += 1e-9; },
-                              [](Encounter& f) { f.covariance(1, 1) += 1e-9; }});
+      test::encounter(3, 2),
+      {[](Encounter& f) { ++f.key.index; }, [](Encounter& f) { ++f.anchor; },
+       [](Encounter& f) { f.state.stamp_s += 1e-9; }, [](Encounter& f) { ++f.other; },
+       [](Encounter& f) { f.position[0] += 1e-9; }, [](Encounter& f) { f.position[1] += 1e-9; },
+       [](Encounter& f) { f.covariance(0, 0) += 1e-9; }, [](Encounter& f) { f.covariance(0, 1) += 1e-9; },
+       [](Encounter& f) { f.covariance(1, 1) += 1e-9; }});
   using Waypoint = WaypointFact<SE2>;
   expect_every_change_shows<Waypoint>(
-      test::waypoint(3, 2), {[](Waypoint& f) { ++f.key.index; }, [](Waypoint& f) { ++f.anchor; },
-                             [](Waypoint& f) { f.state.abscissa_m += 1e-9; }, [](Waypoint& f) { ++f.encounter.index; },
-                             [](Waypoint& f) { ++f.encounter.chain.vehicle; }, [](Waypoint& f) { ++f.encounter.chain.epoch; },
-                             [](Waypoint& f) { f.mark[0] += 1e-9; }, [](Waypoint& f) { f.mark[1] += 1e-9; }});
+      test::waypoint(3, 2),
+      {[](Waypoint& f) { ++f.key.index; }, [](Waypoint& f) { ++f.anchor; },
+       [](Waypoint& f) { f.state.abscissa_m += 1e-9; }, [](Waypoint& f) { ++f.encounter.index; },
+       [](Waypoint& f) { ++f.encounter.chain.vehicle; }, [](Waypoint& f) { ++f.encounter.chain.epoch; },
+       [](Waypoint& f) { f.mark[0] += 1e-9; }, [](Waypoint& f) { f.mark[1] += 1e-9; }});
 }
 
 TEST(FactHash, OfAPriorCoversItsPersistentDrift) {
   using Prior = PriorFact<SE3>;
   expect_every_change_shows<Prior>(
-      {test::key_of(3, 0), false, SE3()}, {[](Prior& f) { f.persistent.scale = 0.01; }, [](Prior& f) { f.persistent.heading_rad_per_m = 0.01; },
-                             [](Prior& f) { f.persistent.tilt_rad = 0.01; }, [](Prior& f) { f.persistent.height_m = 0.01; },
-                             [](Prior& f) { f.persistent.correlation_m = 0.01; }, [](Prior& f) { f.persistent.up[0] = 0.01; },
-                             [](Prior& f) { f.persistent.up[2] = 0.01; }});
+      {test::key_of(3, 0), false, SE3()},
+      {[](Prior& f) { f.persistent.scale = 0.01; }, [](Prior& f) { f.persistent.heading_rad_per_m = 0.01; },
+       [](Prior& f) { f.persistent.tilt_rad = 0.01; }, [](Prior& f) { f.persistent.height_m = 0.01; },
+       [](Prior& f) { f.persistent.correlation_m = 0.01; }, [](Prior& f) { f.persistent.up[0] = 0.01; },
+       [](Prior& f) { f.persistent.up[2] = 0.01; }});
 }
 
 }  // namespace
