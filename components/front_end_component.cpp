@@ -125,7 +125,7 @@ LivePose<G> FrontEndComponent<G>::live() {
   std::vector<std::size_t> best;  // those that the map has joined to others: the rest say no more than their anchors
   for (std::size_t i = 0; i < known.tracks.size(); ++i) {
     const auto exported = exported_.find(known.tracks[i]);
-    if (exported != exported_.end() && manager_.map().class_of.count({manager_.self(), exported->second}) > 0)
+    if (exported != exported_.end() && manager_.map().class_of.find({manager_.self(), exported->second}))
       best.push_back(i);
   }
   const auto variance = [&](std::size_t i) {

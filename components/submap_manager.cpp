@@ -336,9 +336,9 @@ void SubmapManager<G>::handle_digest(const ChainId& sender, const Digest& digest
   Digest others = digest;  // nobody can know more of this chain than this vehicle
   std::erase_if(others.marks, [&](const ChainMark& mark) { return mark.chain == self_; });
   repair_.on_digest(store_, others);
-  const bool same_facts = digest.map_facts == digests_.facts && digests_.facts == store_.digest();
   Peer& peer = peers_[sender];
-  peer.disagrees = same_facts && digest.map != digests_.map;
+  if (digest.map_facts != digests_.facts) return;  // maps of other facts say nothing
+  peer.disagrees = digest.map != digests_.map;
   counters_.disagreements += peer.disagrees;
 }
 
@@ -417,7 +417,8 @@ template <class G>
 std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, double now_s) const {
   std::uint32_t reasons = reason_none;
   const SolveReport& report = map_.map->report();
-  if (report.dof > 0 && report.chi2 > chi2_quantile(0.999, report.dof)) reasons |= reason_innovation;
+  const bool fits = report.converged && report.chi2 >= 0.0 && report.chi2 <= chi2_quantile(0.999, report.dof);
+  if (report.dof > 0 && !fits) reasons |= reason_innovation;
   if (chain != self_ && now_s > heard_s + params_.stale_peer_s) reasons |= reason_stale_peer;
   if (const auto it = store_.chains().find(chain); it != store_.chains().end()) {
     if (it->second.equivocated) reasons |= reason_equivocation;

@@ -105,6 +105,8 @@ typename G::Covariance first_order_drift(const ChainState<G>& a, const ChainStat
   // Between anchors a SLAM may regain information, so that C_b - C_a is indefinite: nothing less than zero is meant.
   typename G::Covariance Q = positive_part(typename G::Covariance(Ad * (b.drift - a.drift) * Ad.transpose()));
   Q.diagonal() += floor;
+  // Beside sigmas of kilometres the floor is less than rounding.
+  if (Q.llt().info() != Eigen::Success) Q.diagonal().array() += 1e-12 * Q.diagonal().maxCoeff();
   return Q;
 }
 

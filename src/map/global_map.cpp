@@ -46,17 +46,32 @@ bool exclude_worst_measurement(Map<G>& map, double confidence, double at_least, 
   return found.first != nullptr;
 }
 
+template <class G>
+int node_of(const Problem<G>& problem, const Key& anchor) {
+  const auto it = std::lower_bound(problem.nodes.begin(), problem.nodes.end(), anchor,
+                                   [](const Node<G>& node, const Key& key) { return node.anchor < key; });
+  return static_cast<int>(it - problem.nodes.begin());
+}
+
 // Squared distance of what a hypothesis says by itself from what a map says that has heard of it.
 template <class G>
 double contradiction(const Map<G>& map, const Hypothesis<G>& h) {
   const auto pose_of = [&](const Key& anchor) {
-    const auto& nodes = map.problem().nodes;
-    const auto it = std::lower_bound(nodes.begin(), nodes.end(), anchor,
-                                     [](const Node<G>& node, const Key& key) { return node.anchor < key; });
-    return map.poses()[static_cast<std::size_t>(it - nodes.begin())];
+    return map.poses()[static_cast<std::size_t>(node_of(map.problem(), anchor))];
   };
   const G T_a_b = pose_of(h.batch_a).inverse() * pose_of(h.batch_b);
   return squared_mahalanobis((h.alignment.T_a_b.inverse() * T_a_b).Log(), h.alignment.covariance());
+}
+
+// T5 by the map alone: how many times a hypothesis exceeds its gate before its own share is taken off what the map
+// says, or after.
+template <class G>
+double excess_of_new(Map<G>& map, const Hypothesis<G>& h, double confidence) {
+  const DriftFactor<G> motion{node_of(map.problem(), h.batch_a), node_of(map.problem(), h.batch_b), h.alignment.T_a_b,
+                              h.alignment.covariance()};
+  const auto [chi2, dof] = map.contradiction(motion);
+  return std::max(contradiction(map, h) / chi2_quantile(confidence, G::Dof),
+                  dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0);
 }
 
 // What contradicts the rest most: how many times it exceeds its gate, and which hypothesis it is.
@@ -86,6 +101,30 @@ Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Map<G>& map, const
 
 }  // namespace
 
+ClassIndex::ClassIndex(const std::vector<std::vector<Key>>& classes) {
+  auto chain = of_chain_.end();
+  for (std::size_t c = 0; c < classes.size(); ++c)
+    for (const Key& key : classes[c]) {
+      if (chain == of_chain_.end() || chain->first != key.chain) chain = of_chain_.try_emplace(key.chain).first;
+      chain->second.emplace_back(key.index, static_cast<int>(c));
+    }
+  for (auto& [id, landmarks] : of_chain_) std::sort(landmarks.begin(), landmarks.end());
+}
+
+std::optional<int> ClassIndex::find(const Key& landmark) const {
+  const auto chain = of_chain_.find(landmark.chain);
+  if (chain == of_chain_.end()) return std::nullopt;
+  const auto found = std::lower_bound(chain->second.begin(), chain->second.end(), std::pair(landmark.index, 0));
+  if (found == chain->second.end() || found->first != landmark.index) return std::nullopt;
+  return found->second;
+}
+
+std::size_t ClassIndex::size() const {
+  std::size_t sum = 0;
+  for (const auto& [id, landmarks] : of_chain_) sum += landmarks.size();
+  return sum;
+}
+
 template <class G>
 GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
   const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
@@ -112,6 +151,7 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     excluded_.landmarks.merge(misfits(store, *result.map, params_));
     if (excluded_.size() == before) break;
   }
+  result.class_of = ClassIndex(result.selection.classes);
   drift_alarms_ = drift_check_.alarms(store, result.selection);
   if (incremental_) incremental_->restart(*result.map);
   finish(result);
@@ -120,31 +160,34 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
 
 template <class G>
 GlobalMap<G> MapBuilder<G>::update(const FactStore<G>& store) {
-  constexpr int most_rounds = 4;
   if (!incremental_) incremental_ = backend_.incremental();
   if (!incremental_) return build(store);
   const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
   GlobalMap<G> result;
   result.facts = store.digest();
   result.exact = false;
-  for (int round = 0; round < most_rounds; ++round) {
+  do {
     result.selection = selector_.select(store, excluded_);
+    result.class_of = ClassIndex(result.selection.classes);
     result.map = incremental_->solve(build_problem<G>(store, result.selection, options));
-    if (!exclude_news(result.selection, *result.map, store)) break;
-  }
+  } while (exclude_news(result, store));
   finish(result);
   return result;
 }
 
 // Of what was not in the last map. True if something is left out.
 template <class G>
-bool MapBuilder<G>::exclude_news(const Selection<G>& selection, Map<G>& map, const FactStore<G>& store) {
+bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>& store) {
+  const Selection<G>& selection = global.selection;
+  Map<G>& map = *global.map;
   const std::size_t before = excluded_.size();
-  std::unordered_set<Key> landmarks;
+  std::set<int> classes;  // with news in them
   for (const Hypothesis<G>& h : selection.hypotheses) {
     if (h.state != HypothesisState::accepted || accepted_.count(h.id) != 0) continue;
-    if (contradiction(map, h) > chi2_quantile(params_.map_residual, G::Dof)) excluded_.hypotheses.insert(h.id);
-    for (const auto& [a, b] : h.pairings) landmarks.insert({a, b});
+    if (excess_of_new(map, h, params_.map_residual) > 1.0) excluded_.hypotheses.insert(h.id);
+    for (const auto& [a, b] : h.pairings)
+      for (const Key& landmark : {a, b})
+        if (const auto known = global.class_of.find(landmark)) classes.insert(*known);
   }
   const auto weigh = [&](const auto& factors, auto key_of, const std::unordered_set<Key>& measured,
                          std::set<Key>& out) {
@@ -159,10 +202,9 @@ bool MapBuilder<G>::exclude_news(const Selection<G>& selection, Map<G>& map, con
   weigh(
       map.problem().encounters, [](const auto& f) { return f.encounter; }, measured_encounters_, excluded_.encounters);
   if (excluded_.size() != before) return true;
-  std::set<Key> batches;  // whose classes have news in them
-  for (const auto& members : selection.landmarks)
-    if (std::any_of(members.begin(), members.end(), [&](const auto* l) { return landmarks.count(l->key) != 0; }))
-      for (const auto* l : members) batches.insert(l->anchor_key());
+  std::set<Key> batches;
+  for (const int c : classes)
+    for (const LandmarkFact<G>* l : selection.landmarks[static_cast<std::size_t>(c)]) batches.insert(l->anchor_key());
   if (!batches.empty()) excluded_.landmarks.merge(misfits(store, map, params_, &batches));
   return excluded_.size() != before;
 }
@@ -178,9 +220,6 @@ void MapBuilder<G>::finish(GlobalMap<G>& global) {
   measured_fixes_ = {global.selection.fixes.begin(), global.selection.fixes.end()};
   measured_encounters_.clear();
   for (const SelectedEncounter& e : global.selection.encounters) measured_encounters_.insert(e.encounter);
-  global.class_of.reserve(global.map->problem().landmarks.size());
-  for (std::size_t c = 0; c < global.selection.classes.size(); ++c)
-    for (const Key& key : global.selection.classes[c]) global.class_of[key] = static_cast<int>(c);
   global.drift_alarms = drift_alarms_;
   global.selection.landmarks.clear();  // the map may outlive the store
 }

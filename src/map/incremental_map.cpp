@@ -48,7 +48,8 @@ class Identities {
     if (u < nodes) {
       const Node<G>& node = problem_.nodes[u];
       add_key(hash, node.anchor);
-      hash.add(node.slam.abscissa_m).add(node.slam.stamp_s);
+      hash.add(node.slam.abscissa_m).add(node.slam.stamp_s).add(node.slam.drift).add(node.slam.heading_lever);
+      add_group(hash, node.slam.pose);
     } else if (u < nodes + points) {
       add_key(hash.add(1U, 1), first_of_[u - nodes]);
     } else {

@@ -23,12 +23,11 @@ template <class G>
 Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
   Remembered<G> known;
   for (const RememberedLandmark<G>& l : live.remembered) {
-    const auto found = map.class_of.find({live.chain, l.index});
-    if (found == map.class_of.end() || std::find(known.at.begin(), known.at.end(), found->second) != known.at.end())
-      continue;
+    const std::optional<int> at = map.class_of.find({live.chain, l.index});
+    if (!at || std::find(known.at.begin(), known.at.end(), *at) != known.at.end()) continue;
     known.landmarks.push_back(l);
     known.landmarks.back().covariance = positive_part(l.covariance);
-    known.at.push_back(found->second);
+    known.at.push_back(*at);
   }
   return known;
 }

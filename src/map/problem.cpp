@@ -17,12 +17,19 @@
 namespace convoy {
 namespace {
 
-// "Exactly known" is kept apart from singular: (0.1 mm)^2 and (10 urad)^2.
+// "Exactly known" is kept apart from singular: (0.1 mm)^2 and (10 urad)^2. What rounding left below zero, which a fact
+// may hold (is_covariance()), would else be negative information.
 template <class G>
 typename G::Covariance floored(typename G::Covariance P) {
+  P = positive_part(P);
   P.diagonal().template head<G::Dim>().array() += 1e-8;
   P.diagonal().template tail<G::Dof - G::Dim>().array() += 1e-10;
   return P;
+}
+
+template <class G>
+typename G::PointCovariance floored_point(const typename G::PointCovariance& P) {  // (1 mm)^2
+  return positive_part(P) + 1e-6 * G::PointCovariance::Identity();
 }
 
 template <class G>
@@ -413,17 +420,15 @@ class ProblemBuilder {
     if (problem_.datum < 0 && !enu_) return;
     // In space the common frame is taken for level to 0.1 rad: yaw and position are what is looked for.
     if (problem_.datum >= 0) problem_.priors.push_back({problem_.datum, problem_.nodes.back().initial, flat(0.1)});
-    const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
     for (const Key& key : selection_.fixes) {
       if (!is_aligned(chain_of_.at(key.chain))) continue;
       const AbsoluteFixFact<G>& f = fix(key);
       problem_.fixes.push_back({node_of_waypoint(FactKind::absolute_fix, key), problem_.datum, key, f.lever, f.position,
-                                symmetrised(typename G::PointCovariance(f.covariance + floor))});
+                                floored_point<G>(f.covariance)});
     }
   }
 
   void add_encounters() {
-    const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
     for (const SelectedEncounter& e : selection_.encounters) {
       const int a = chain_of_.at(e.encounter.chain), b = chain_of_.at(e.waypoint.chain);
       const bool one_frame =
@@ -432,7 +437,7 @@ class ProblemBuilder {
       const EncounterFact<G>& f = encounter(e);
       problem_.encounters.push_back({node_of_waypoint(FactKind::encounter, e.encounter),
                                      node_of_waypoint(FactKind::waypoint, e.waypoint), e.encounter, waypoint(e).mark,
-                                     f.position, symmetrised(typename G::PointCovariance(f.covariance + floor))});
+                                     f.position, floored_point<G>(f.covariance)});
     }
   }
 
@@ -500,14 +505,14 @@ class ProblemBuilder {
   }
 
   void add_landmarks() {
-    const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();  // 1 mm: exact is not singular
     for (const auto& members : selection_.landmarks) {
       const int point = static_cast<int>(problem_.points.size());
       typename G::Point mean = G::Point::Zero();
       for (const LandmarkFact<G>* landmark : members) {
         const int node = node_of(landmark->anchor_key());
         mean += initial(node) * landmark->position;
-        problem_.landmarks.push_back({node, point, landmark->key, landmark->position, landmark->covariance + floor});
+        problem_.landmarks.push_back(
+            {node, point, landmark->key, landmark->position, floored_point<G>(landmark->covariance)});
         if (landmark->loading.isZero(0.0)) continue;
         problem_.landmarks.back().loading = static_cast<int>(problem_.loadings.size());
         problem_.loadings.push_back(landmark->loading);

@@ -9,7 +9,8 @@
 
 namespace convoy {
 
-/// An anchor that carries factors. Anchors without any need no node: the drift between two nodes is exact (thinning).
+/// An anchor that carries factors. Anchors without any need no node (thinning): the drift between any two
+/// anchors is known (DESIGN eq. 2).
 template <class G>
 struct Node {
   Key anchor;

@@ -38,7 +38,8 @@ execute_process(COMMAND ninja -C ${tree} -t deps ${objects} OUTPUT_VARIABLE head
 if(NOT headers MATCHES "/Eigen/Core\n" OR NOT headers MATCHES "/convoy/submap/facts.hpp\n")
   message(FATAL_ERROR "the list of headers that were read is not complete:\n${headers}")
 endif()
-string(REGEX MATCH "[^\n]*/(fastdds|fastrtps|fastcdr|opencv2|convoy/idl|convoy/dds)/[^\n]*" found "${headers}")
+string(REPLACE "${source}/" "" headers "${headers}")  # whatever folders the project lies in
+string(REGEX MATCH "[^\n]*(^|[ /])(fastdds|fastrtps|fastcdr|opencv2|idl|dds)/[^\n]*" found "${headers}")
 if(found)
   message(FATAL_ERROR "convoy::core reads a header that it must not know:${found}")
 endif()

@@ -187,5 +187,42 @@ TYPED_TEST(IncrementalMaps, GoOnFromAnotherSolution) {
   EXPECT_LT(difference(*map, *exact).sigmas, 0.1);
 }
 
+// A filter at one moment, before and after a sighting moved it: two places of one anchor, abscissa and stamp. The later
+// fact sorts before the earlier one.
+TEST(IncrementalMap, TwoPlacesOfOneMomentAreTwoUnknowns) {
+  test::SampleFleet fleet(3);
+  for (const VehicleId v : {1U, 2U}) {
+    const SE2 start(0.0, 5.0 * (v - 1), 0.1);
+    fleet.start(v, start, test::known_start);
+    for (int k = 1; k <= 8; ++k) fleet.stop(v, start * SE2(20.0 * k, 10.0 * std::sin(0.4 * k), 0.1));
+  }
+  FactStore<SE2> store = fleet.store();
+  const auto encounter = [&](std::uint32_t index, const ChainState<SE2>& state) {
+    const Key key = test::key_of(1, index);
+    test::insert(store, test::FactOf<SE2>(EncounterFact<SE2>{
+                            key, 4, state, 2, {-5.0, 5.0}, 0.01 * SE2::PointCovariance::Identity()}));
+    test::insert(store, test::FactOf<SE2>(WaypointFact<SE2>{
+                            key_of(2, index), 4, fleet.anchor(test::key_of(2, 4)).state, key, {0.0, 0.0}}));
+  };
+  ChainState<SE2> before = fleet.anchor(test::key_of(1, 4)).state;
+  before.abscissa_m += 5.0;
+  before.stamp_s += 2.0;
+  before.pose = before.pose * SE2(5.0, 0.0, 0.0);
+  before.drift += 2e-3 * SE2::Covariance::Identity();
+  ChainState<SE2> after = before;
+  after.pose = after.pose * SE2(0.2, 0.3, 0.01);
+  after.drift -= 1e-3 * SE2::Covariance::Identity();
+  IncrementalMap<SE2> incremental;
+  const auto problem = [&] { return build_problem<SE2>(store, select(store, SelectionParams{})); };
+  encounter(1, before);
+  incremental.solve(problem());
+  incremental.solve(problem());
+  encounter(0, after);
+  const auto map = incremental.solve(problem());
+  ASSERT_EQ(map->problem().encounters.size(), 2U);
+  EXPECT_FALSE(incremental.last().from_start);
+  EXPECT_LT(difference(*map, *SparseMap<SE2>().solve(problem())).sigmas, 0.02);
+}
+
 }  // namespace
 }  // namespace convoy

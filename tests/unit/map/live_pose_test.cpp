@@ -45,7 +45,7 @@ struct Drive {
     std::vector<std::pair<Key, typename G::Point>> near;
     std::set<int> classes;
     for (const auto& [key, point] : fleet.point_of)
-      if (key.chain.vehicle == 2 && global.class_of.count(key) > 0 && classes.insert(global.class_of.at(key)).second)
+      if (key.chain.vehicle == 2 && global.class_of.find(key) && classes.insert(*global.class_of.find(key)).second)
         near.emplace_back(key, point);
     std::stable_sort(near.begin(), near.end(),
                      [&](const auto& a, const auto& b) { return distance(a.second) < distance(b.second); });
@@ -140,7 +140,8 @@ TYPED_TEST(LivePoseTest, TheMapKnowsAPoseAndPointsTogether) {
   using G = TypeParam;
   Drive<G> drive(4);
   std::vector<int> classes;
-  for (const auto& l : drive.live.remembered) classes.push_back(drive.global.class_of.at({drive.live.chain, l.index}));
+  for (const auto& l : drive.live.remembered)
+    classes.push_back(drive.global.class_of.find({drive.live.chain, l.index}).value());
   Map<G>& map = *drive.global.map;
   ChainState<G> between = drive.fleet.anchor(test::key_of(2, 2)).state;  // smoothed, then extrapolated
   const auto& next = drive.fleet.anchor(test::key_of(2, 3)).state;
@@ -191,6 +192,7 @@ TEST(LivePose, TellsTheSameMeasurementsOnce) {
     const auto step = increment(ChainState<SE2>{}, last);
     problem.drifts = {{1, 2, step.motion, step.covariance}};
     GlobalMap<SE2> global;
+    std::vector<std::vector<Key>> classes;
     RelativeLandmarks<SE2> known;
     known.covariance = Eigen::MatrixXd::Zero(16, 16);
     for (int i = 0; i < 8; ++i) {
@@ -201,7 +203,7 @@ TEST(LivePose, TellsTheSameMeasurementsOnce) {
       problem.points.push_back(place);
       problem.landmarks.push_back({0, i, {peer, index}, place + random.draw<2>(S_peer), S_peer});
       problem.landmarks.push_back({1, i, {own, index}, seen, S});
-      global.class_of[{own, index}] = i;
+      classes.push_back({{own, index}});
       known.tracks.push_back(index);
       known.positions.push_back(said.inverse() * seen);
       const Eigen::Matrix<double, 2, 3> A = SE2().act_jacobian(known.positions.back());
@@ -212,6 +214,7 @@ TEST(LivePose, TellsTheSameMeasurementsOnce) {
       }
       known.covariance.block<2, 2>(2 * i, 2 * i) += S;
     }
+    global.class_of = ClassIndex(classes);
     global.map = SparseMap<SE2>().solve(problem);
     LivePose<SE2> live;
     live.chain = own;
@@ -259,6 +262,7 @@ TEST(LivePose, LandmarksInARowFixNoPoseInSpace) {
     problem.priors = {{0, SE3(), SE3::Covariance(each<SE3>(1e-6, 1e-8).asDiagonal())},
                       {1, SE3(), SE3::Covariance(each<SE3>(1.0, 2.5e-5).asDiagonal())}};
     GlobalMap<SE3> global;
+    std::vector<std::vector<Key>> classes;
     LivePose<SE3> live;
     live.chain = own;
     for (int i = 0; i < 8; ++i) {
@@ -267,9 +271,10 @@ TEST(LivePose, LandmarksInARowFixNoPoseInSpace) {
       problem.points.push_back(place);
       problem.landmarks.push_back({0, i, {peer, index}, place, 1e-6 * SE3::PointCovariance::Identity()});
       problem.landmarks.push_back({1, i, {own, index}, place, 9.0 * SE3::PointCovariance::Identity()});
-      global.class_of[{own, index}] = i;
+      classes.push_back({{own, index}});
       live.remembered.push_back({index, place, 4e-4 * SE3::PointCovariance::Identity()});
     }
+    global.class_of = ClassIndex(classes);
     global.map = SparseMap<SE3>().solve(problem);
     const auto here = live_pose(global, live), by_map = global.map->pose(own, live.state);
     const double ratio = here->covariance.determinant() / by_map->covariance.determinant();

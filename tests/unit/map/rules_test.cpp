@@ -97,6 +97,48 @@ TYPED_TEST(Rules, AWithdrawnHypothesisIsOneThatNeverWas) {
   EXPECT_GT(mattered, 0);
 }
 
+// A fact may hold a covariance that rounding has left slightly indefinite. Beside a variance of 10^6 that is a negative
+// one that is no rounding to anybody else.
+TYPED_TEST(Rules, AStrangersPoorCovarianceMovesNobodyElse) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(1);
+  const auto reference = built(fleet.store());
+  FactStore<G> store = fleet.store();
+  PriorFact<G> stranger{test::key_of(9, 0), true, G()};
+  typename G::Tangent variance = test::each<G>(1e6, 0.01);
+  variance[1] = -9e-4;
+  stranger.covariance = variance.asDiagonal();
+  ASSERT_EQ(store.insert(stranger), Insertion::inserted);
+  const auto global = built(store);
+  EXPECT_TRUE(global.map->report().converged);
+  EXPECT_EQ(global.selection.digest, reference.selection.digest);
+  for (const Node<G>& node : reference.map->problem().nodes) {
+    const auto alone = reference.map->pose(node.anchor.chain, node.slam),
+               beside = global.map->pose(node.anchor.chain, node.slam);
+    EXPECT_LT((alone->mean.inverse() * beside->mean).Log().norm(), 1e-6);
+  }
+}
+
+// What contradicts the map is left out by update() at once, and not only by the next build().
+TYPED_TEST(Rules, AnUpdateTakesNoGrossMeasurement) {
+  using G = TypeParam;
+  auto fleet = test::street_fleet<G>(33);
+  for (const std::uint32_t k : {1U, 3U, 5U})
+    for (const VehicleId v : {1U, 2U}) fleet.fix(test::key_of(v, k), 0.5);
+  FactStore<G> store = fleet.store();
+  const SparseMap<G> backend;
+  MapBuilder<G> builder(SelectionParams{}, backend);
+  builder.build(store);
+  builder.update(store);
+  const Key right = fleet.fix(test::key_of(3, 3), 0.5);
+  test::insert(store, fleet.facts.back());
+  const Key gross = fleet.fix(test::key_of(3, 4), test::each<G>(25.0, 0.0).template head<G::Dim>(), 0.5);
+  test::insert(store, fleet.facts.back());
+  const auto fixes = builder.update(store).selection.fixes;
+  EXPECT_EQ(std::count(fixes.begin(), fixes.end(), right), 1);
+  EXPECT_EQ(std::count(fixes.begin(), fixes.end(), gross), 0);
+}
+
 // What update() works in on the way, and in which order, leaves no trace in what build() makes.
 TYPED_TEST(Rules, AnExactMapKnowsNothingOfUpdatesBefore) {
   using G = TypeParam;
