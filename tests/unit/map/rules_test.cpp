@@ -127,7 +127,9 @@ TYPED_TEST(Rules, AnUpdateTakesNoGrossMeasurement) {
     for (const VehicleId v : {1U, 2U}) fleet.fix(test::key_of(v, k), 0.5);
   FactStore<G> store = fleet.store();
   const SparseMap<G> backend;
-  MapBuilder<G> builder(SelectionParams{}, backend);
+  SelectionParams params;
+  params.fix_correlation_s = 10.0;
+  MapBuilder<G> builder(params, backend);
   builder.build(store);
   builder.update(store);
   const Key right = fleet.fix(test::key_of(3, 3), 0.5);
