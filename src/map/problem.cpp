@@ -27,9 +27,11 @@ typename G::Covariance floored(typename G::Covariance P) {
   return P;
 }
 
+// The same for points, (1 mm)^2. Below variances of 1000 m^2 what rounding left is less than that.
 template <class G>
-typename G::PointCovariance floored_point(const typename G::PointCovariance& P) {  // (1 mm)^2
-  return positive_part(P) + 1e-6 * G::PointCovariance::Identity();
+typename G::PointCovariance floored_point(const typename G::PointCovariance& P) {
+  const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();
+  return (P.cwiseAbs().maxCoeff() < 500.0 ? P : positive_part(P)) + floor;
 }
 
 template <class G>
