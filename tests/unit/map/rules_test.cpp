@@ -141,6 +141,31 @@ TYPED_TEST(Rules, AnUpdateTakesNoGrossMeasurement) {
   EXPECT_EQ(std::count(fixes.begin(), fixes.end(), gross), 0);
 }
 
+// A vehicle misplaces what it sees from some anchor on: no two chains contradict each other over it, only the map does.
+TEST(Updates, TakeNoHypothesisThatContradictsTheMap) {
+  test::SampleFleet fleet(4);
+  fleet.start(1, SE2(), test::known_start);
+  for (const VehicleId v : {2U, 3U}) fleet.start(v, SE2(0.0, 3.0 * (v - 1), 0.0), test::each<SE2>(3.0, 0.05));
+  for (int k = 1; k <= 6; ++k)
+    for (const VehicleId v : {1U, 2U, 3U}) fleet.stop(v, SE2(12.0 * k, 3.0 * (v - 1), 0.0));
+  for (auto& fact : fleet.facts)
+    if (auto* l = std::get_if<LandmarkFact<SE2>>(&fact); l != nullptr && l->key.chain.vehicle == 1 && l->anchor == 6)
+      l->position.y() += 3.0;
+  for (std::uint32_t k = 1; k <= 5; ++k)
+    for (const VehicleId v : {1U, 3U}) fleet.associate(2, fleet.common(test::key_of(v, k), test::key_of(2, k)));
+  FactStore<SE2> store = fleet.store();
+  const SparseMap<SE2> backend;
+  MapBuilder<SE2> builder(SelectionParams{}, backend);
+  builder.build(store);
+  builder.update(store);
+  const Hash wrong = fleet.associate(3, fleet.common(test::key_of(1, 6), test::key_of(3, 6)));
+  test::insert(store, fleet.facts.back());
+  const auto hypotheses = builder.update(store).selection.hypotheses;
+  const auto found = std::find_if(hypotheses.begin(), hypotheses.end(), [&](const auto& h) { return h.id == wrong; });
+  ASSERT_NE(found, hypotheses.end());
+  EXPECT_EQ(found->state, HypothesisState::map_residual);
+}
+
 // What update() works in on the way, and in which order, leaves no trace in what build() makes.
 TYPED_TEST(Rules, AnExactMapKnowsNothingOfUpdatesBefore) {
   using G = TypeParam;
