@@ -160,7 +160,8 @@ std::string consistency_page(const ConsistencyResult& result) {
   }
   html += real_drift_section(result.real_drift);
   html +=
-      "<section><h2>Every row</h2>\n<p>EKF-SLAM has its baselines in the plane; in space, what ships and the raw SLAM. "
+      "<section><h2>Every row</h2>\n<p>EKF-SLAM has all baselines in the plane; in space, the raw SLAM and the paper's "
+      "own method. "
       "The EKF map takes landmarks of a batch as independent.</p>\n" +
       row_table(result) + "</section>\n";
   return html + page_end();

@@ -8,6 +8,8 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <system_error>
 
 #include "consistency/ekf_slam.hpp"
 #include "consistency/exact_model.hpp"
@@ -226,11 +228,13 @@ class Suite {
     papers_own<G>(params, scenario_of(params));
     const ExactVerdict v = exact_verdict({s});
     result_.demands.push_back(
-        {dim + " exact model, 1 km of full drift: ANEES in the 95 % band", ">= 90 % of the steps",
+        {dim + " exact model, 1 km of full drift: ANEES in the 95 % band, coverage", ">= 90 % of the steps, 93 to 97 %",
          percent(v.steps_in_band) + ", " + interval_words(s) + ", coverage " + percent(v.coverage95), v.consistent(),
          false,
-         "a map is linear between its nodes: second order in the heading drift (0.06 rad after 1 km); a quarter of the "
-         "noise on the same path is in the table above"});
+         s.anees > 1.0
+             ? "a map is linear between its nodes: second order in the heading drift (0.06 rad after 1 km); a "
+               "quarter of the noise on the same path is in the table below"
+             : ""});
   }
 
   // ---- sensors simulated, the rest real
@@ -450,6 +454,10 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
 }
 
 int run_consistency(const ConsistencyOptions& options) {
+  std::error_code failed;  // told before minutes of measuring, and not after
+  std::filesystem::create_directories(options.out, failed);
+  if (!std::filesystem::is_directory(options.out, failed))
+    throw ConfigError(options.out.string() + ": cannot be a folder; choose another one with --out");
   const ConsistencyResult result = measure_consistency(options);
   write_text_file(options.out / "consistency.json", to_json(result).dump(2) + "\n");
   write_text_file(options.out / "consistency.html", consistency_page(result));
