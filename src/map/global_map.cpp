@@ -189,18 +189,20 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
       for (const Key& landmark : {a, b})
         if (const auto known = global.class_of.find(landmark)) classes.insert(*known);
   }
-  const auto weigh = [&](const auto& factors, auto key_of, const std::unordered_set<Key>& measured,
+  double worst = 1.0;  // a gross one bends the map so far that others contradict it, too
+  std::pair<std::set<Key>*, Key> found{nullptr, {}};
+  const auto weigh = [&](const auto& factor, const Key& key, const std::unordered_set<Key>& measured,
                          std::set<Key>& out) {
-    for (const auto& f : factors) {
-      if (measured.count(key_of(f)) != 0) continue;
-      const auto [chi2, dof] = map.contradiction(f);
-      if (dof > 0 && chi2 > chi2_quantile(params_.fix_residual, dof)) out.insert(key_of(f));
-    }
+    if (measured.count(key) != 0) return;
+    const auto [chi2, dof] = map.contradiction(factor);
+    const double excess = dof > 0 ? chi2 / chi2_quantile(params_.fix_residual, dof) : 0.0;
+    if (!(excess > worst)) return;
+    worst = excess;
+    found = {&out, key};
   };
-  weigh(
-      map.problem().fixes, [](const auto& f) { return f.fix; }, measured_fixes_, excluded_.fixes);
-  weigh(
-      map.problem().encounters, [](const auto& f) { return f.encounter; }, measured_encounters_, excluded_.encounters);
+  for (const auto& f : map.problem().fixes) weigh(f, f.fix, measured_fixes_, excluded_.fixes);
+  for (const auto& f : map.problem().encounters) weigh(f, f.encounter, measured_encounters_, excluded_.encounters);
+  if (found.first != nullptr) found.first->insert(found.second);
   if (excluded_.size() != before) return true;
   std::set<Key> batches;
   for (const int c : classes)
