@@ -28,20 +28,26 @@ bool same_problem(const Selection<G>& before, const Selection<G>& after, const s
                     after.hypotheses.end(), same_state);
 }
 
+using Keys = std::unordered_set<Key>;
+
 // The absolute fix or encounter that exceeds its gate by most, if by more than `at_least` times: true if there is one.
+// Those that were judged before are passed over. One at a time: a gross one bends the map so far that others contradict
+// it, too.
 template <class G>
-bool exclude_worst_measurement(Map<G>& map, double confidence, double at_least, Exclusions& excluded) {
+bool exclude_worst_measurement(Map<G>& map, double confidence, double at_least, const Keys& judged_fixes,
+                               const Keys& judged_encounters, Exclusions& excluded) {
   double worst = std::max(1.0, at_least);
   std::pair<std::set<Key>*, Key> found{nullptr, {}};
-  const auto weigh = [&](const auto& factor, const Key& key, std::set<Key>& set) {
+  const auto weigh = [&](const auto& factor, const Key& key, const Keys& judged, std::set<Key>& set) {
+    if (judged.count(key) != 0) return;
     const auto [chi2, dof] = map.contradiction(factor);
     const double excess = dof > 0 ? chi2 / chi2_quantile(confidence, dof) : 0.0;
     if (!(excess > worst)) return;
     worst = excess;
     found = {&set, key};
   };
-  for (const auto& f : map.problem().fixes) weigh(f, f.fix, excluded.fixes);
-  for (const auto& f : map.problem().encounters) weigh(f, f.encounter, excluded.encounters);
+  for (const auto& f : map.problem().fixes) weigh(f, f.fix, judged_fixes, excluded.fixes);
+  for (const auto& f : map.problem().encounters) weigh(f, f.encounter, judged_encounters, excluded.encounters);
   if (found.first != nullptr) found.first->insert(found.second);
   return found.first != nullptr;
 }
@@ -140,7 +146,7 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     dropped.clear();
     const HypothesisGraph<G> graph(*result.map, result.selection);
     const Worst worst = worst_hypothesis(graph, *result.map, result.selection, params_.map_residual);
-    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst.excess, excluded_)) continue;
+    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst.excess, {}, {}, excluded_)) continue;
     if (worst.hypothesis != 0) {
       dropped = graph.outliers(params_.map_residual);
       if (dropped.empty()) dropped.insert(worst.hypothesis);
@@ -189,20 +195,7 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
       for (const Key& landmark : {a, b})
         if (const auto known = global.class_of.find(landmark)) classes.insert(*known);
   }
-  double worst = 1.0;  // a gross one bends the map so far that others contradict it, too
-  std::pair<std::set<Key>*, Key> found{nullptr, {}};
-  const auto weigh = [&](const auto& factor, const Key& key, const std::unordered_set<Key>& measured,
-                         std::set<Key>& out) {
-    if (measured.count(key) != 0) return;
-    const auto [chi2, dof] = map.contradiction(factor);
-    const double excess = dof > 0 ? chi2 / chi2_quantile(params_.fix_residual, dof) : 0.0;
-    if (!(excess > worst)) return;
-    worst = excess;
-    found = {&out, key};
-  };
-  for (const auto& f : map.problem().fixes) weigh(f, f.fix, measured_fixes_, excluded_.fixes);
-  for (const auto& f : map.problem().encounters) weigh(f, f.encounter, measured_encounters_, excluded_.encounters);
-  if (found.first != nullptr) found.first->insert(found.second);
+  exclude_worst_measurement(map, params_.fix_residual, 1.0, measured_fixes_, measured_encounters_, excluded_);
   if (excluded_.size() != before) return true;
   std::set<Key> batches;
   for (const int c : classes)
