@@ -107,18 +107,19 @@ BENCHMARK(BM_sparse_map_by_blocks)->Arg(100)->Arg(1000)->Arg(10000)->Unit(benchm
 // A fleet of range(0) vehicles with range(1) anchors each; the last batches come one by one, each with a hypothesis,
 // and after each the map is made anew. Counters: milliseconds from facts to map; the baseline is the other way to come
 // to one.
+template <class G>
 void grow(benchmark::State& state, bool incrementally) {
   const int vehicles = static_cast<int>(state.range(0)), anchors = static_cast<int>(state.range(1));
-  const bench::MapFleet fleet(vehicles, anchors, vehicles * anchors / (anchors < 1000 ? 1 : 5),
-                              anchors < 1000   ? 2 + vehicles / 3
-                              : vehicles < 100 ? 10
-                                               : 32);
+  const bench::MapFleet<G> fleet(vehicles, anchors, vehicles * anchors / (anchors < 1000 ? 1 : 5),
+                                 anchors < 1000   ? 2 + vehicles / 3
+                                 : vehicles < 100 ? 10
+                                                  : 32);
   const std::size_t news = std::min<std::size_t>(incrementally ? 200 : 3, fleet.hypotheses.size() / 2);
-  FactStore<SE2> store = fleet.store(fleet.hypotheses.size() - news);
-  const SparseMap<SE2> backend;
-  MapBuilder<SE2> builder(SelectionParams{}, backend);
+  FactStore<G> store = fleet.store(fleet.hypotheses.size() - news);
+  const SparseMap<G> backend;
+  MapBuilder<G> builder(SelectionParams{}, backend);
   double start_s = bench::cpu_s();
-  GlobalMap<SE2> global = builder.build(store);
+  GlobalMap<G> global = builder.build(store);
   const double first_s = bench::cpu_s() - start_s;
   if (incrementally) global = builder.update(store);
   std::vector<double> ms;
@@ -126,7 +127,7 @@ void grow(benchmark::State& state, bool incrementally) {
     for (std::size_t k = news; k > 0; --k) {
       store.insert(fleet.hypotheses[fleet.hypotheses.size() - k]);
       start_s = bench::cpu_s();
-      GlobalMap<SE2> next = incrementally ? builder.update(store) : builder.build(store);
+      GlobalMap<G> next = incrementally ? builder.update(store) : builder.build(store);
       ms.push_back(1e3 * (bench::cpu_s() - start_s));
       global = std::move(next);
     }
@@ -144,11 +145,20 @@ void grow(benchmark::State& state, bool incrementally) {
   if (!global.map->report().converged) state.SkipWithError("the sparse map did not converge");
 }
 
-void BM_rebuild(benchmark::State& state) { grow(state, false); }
-void BM_update(benchmark::State& state) { grow(state, true); }
+template <class G>
+void BM_rebuild(benchmark::State& state) {
+  grow<G>(state, false);
+}
+template <class G>
+void BM_update(benchmark::State& state) {
+  grow<G>(state, true);
+}
 #define CONVOY_FLEETS \
   ->Args({1, 200})->Args({10, 200})->Args({10, 1000})->Args({100, 1000})->Iterations(1)->Unit(benchmark::kMillisecond)
-BENCHMARK(BM_rebuild) CONVOY_FLEETS;
-BENCHMARK(BM_update) CONVOY_FLEETS;
+#define CONVOY_LARGE_FLEETS ->Args({10, 1000})->Args({100, 1000})->Iterations(1)->Unit(benchmark::kMillisecond)
+BENCHMARK(BM_rebuild<SE2>) CONVOY_FLEETS;
+BENCHMARK(BM_update<SE2>) CONVOY_FLEETS;
+BENCHMARK(BM_rebuild<SE3>) CONVOY_LARGE_FLEETS;
+BENCHMARK(BM_update<SE3>) CONVOY_LARGE_FLEETS;
 
 }  // namespace
