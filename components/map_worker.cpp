@@ -73,10 +73,11 @@ template <class G>
 BuiltMap<G> MapWorker<G>::build(MapOrder<G> order) {
   for (const AnyFact<G>& any : order.news) std::visit([&](const auto& fact) { replica_.insert(fact); }, any);
   const auto start = std::chrono::steady_clock::now();
-  BuiltMap<G> built{order.exact ? builder_.build(replica_) : builder_.update(replica_), order.revision, 0.0};
+  BuiltMap<G> built{order.exact ? builder_.build(replica_) : builder_.update(replica_), order.revision};
   // The first question for a covariance pays for all of them: here, where nobody waits for the answer.
   for (const auto& [id, chain] : replica_.chains())
     if (!chain.anchors.empty()) built.map.map->pose(id, chain.anchors.rbegin()->second.state);
+  if (order.exact) built.digests = {built.map.facts, built.map.selection.digest(), built.map.map->digest()};
   built.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return built;
 }

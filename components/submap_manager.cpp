@@ -407,7 +407,7 @@ GlobalMap<G> SubmapManager<G>::adopt(BuiltMap<G> built) {
   map_revision_ = built.revision;
   ++counters_.maps_built;
   if (built.map.exact) {
-    digests_ = {built.map.facts, built.map.selection.digest, built.map.map->digest()};
+    digests_ = built.digests;
     exact_takes_s_ = built.seconds;
   }
   return std::exchange(map_, std::move(built.map));

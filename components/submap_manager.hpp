@@ -76,16 +76,17 @@ struct MapOrder {
   bool exact = true;             ///< by MapBuilder::build(), not update()
 };
 
+/// Of an exact map: what vehicles compare.
+struct MapDigests {
+  Hash facts = 0, selection = 0, map = 0;
+};
+
 template <class G>
 struct BuiltMap {
   GlobalMap<G> map;
   std::uint64_t revision = 0;  ///< of its order
   double seconds = 0.0;        ///< that it took
-};
-
-/// Of the last exact map: what vehicles compare.
-struct MapDigests {
-  Hash facts = 0, selection = 0, map = 0;
+  MapDigests digests = {};     ///< of an exact map
 };
 
 /// Single-threaded, driven by calls that carry time on the vehicle's own clock, not decreasing.
@@ -146,6 +147,7 @@ class SubmapManager {
 
   const FactStore<G>& store() const { return store_; }
   const GlobalMap<G>& map() const { return map_; }
+  /// Of the last exact map.
   const MapDigests& digests() const { return digests_; }
   /// Every chain heard of, this one included, in canonical order.
   std::vector<VehicleState<G>> vehicles(double now_s);

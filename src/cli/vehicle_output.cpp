@@ -77,7 +77,7 @@ json map_json(const SubmapManager<G>& manager) {
   const GlobalMap<G>& global = manager.map();
   json out;
   out["facts_digest"] = hex(store.digest());
-  out["selection_digest"] = hex(global.selection.digest);
+  out["selection_digest"] = hex(global.selection.digest());
   out["map_digest"] = hex(global.map->digest());
   const SolveReport& report = global.map->report();
   out["solve"] = {{"iterations", report.iterations},
@@ -135,7 +135,7 @@ json map_json(const SubmapManager<G>& manager) {
   for (const Hypothesis<G>& h : global.selection.hypotheses) {
     json pairings = json::array();
     double stamp_s = 0.0;
-    for (const auto& [a, b] : h.pairings) {
+    for (const auto& [a, b] : *h.pairings) {
       // A pairing that the map has found not to fit is no longer one.
       const auto ca = class_of.find(a), cb = class_of.find(b);
       const bool fused = ca != class_of.end() && cb != class_of.end() && ca->second == cb->second;

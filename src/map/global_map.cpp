@@ -22,7 +22,7 @@ bool same_problem(const Selection<G>& before, const Selection<G>& after, const s
   const auto same_state = [&](const Hypothesis<G>& x, const Hypothesis<G>& y) {
     return dropped.count(x.id) != 0 || x.state == y.state;
   };
-  return before.digest == after.digest &&
+  return before.classes == after.classes && before.fixes == after.fixes && before.encounters == after.encounters &&
          std::none_of(dropped.begin(), dropped.end(), [&](Hash id) { return problem.placed_by.count(id) != 0; }) &&
          std::equal(before.hypotheses.begin(), before.hypotheses.end(), after.hypotheses.begin(),
                     after.hypotheses.end(), same_state);
@@ -107,7 +107,7 @@ Worst worst_hypothesis(const HypothesisGraph<G>& graph, const Map<G>& map, const
 
 }  // namespace
 
-ClassIndex::ClassIndex(const std::vector<std::vector<Key>>& classes) {
+ClassIndex::ClassIndex(const ClassList& classes) {
   auto chain = of_chain_.end();
   for (std::size_t c = 0; c < classes.size(); ++c)
     for (const Key& key : classes[c]) {
@@ -133,7 +133,6 @@ std::size_t ClassIndex::size() const {
 
 template <class G>
 GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
-  const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
   excluded_ = {};
   GlobalMap<G> result;
   result.facts = store.digest();
@@ -142,7 +141,10 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     Selection<G> selection = selector_.select(store, excluded_);
     const bool solved = !dropped.empty() && same_problem(result.selection, selection, dropped, result.map->problem());
     result.selection = std::move(selection);
-    if (!solved) result.map = backend_.solve(build_problem<G>(store, result.selection, options));
+    if (!solved) {
+      result.map = backend_.solve(problem_of(store, result.selection));
+      problem_ = result.map->shared_problem();
+    }
     dropped.clear();
     const HypothesisGraph<G> graph(*result.map, result.selection);
     const Worst worst = worst_hypothesis(graph, *result.map, result.selection, params_.map_residual);
@@ -168,17 +170,23 @@ template <class G>
 GlobalMap<G> MapBuilder<G>::update(const FactStore<G>& store) {
   if (!incremental_) incremental_ = backend_.incremental();
   if (!incremental_) return build(store);
-  const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
   GlobalMap<G> result;
   result.facts = store.digest();
   result.exact = false;
   do {
     result.selection = selector_.select(store, excluded_);
     result.class_of = ClassIndex(result.selection.classes);
-    result.map = incremental_->solve(build_problem<G>(store, result.selection, options));
+    result.map = incremental_->solve(problem_of(store, result.selection));
+    problem_ = result.map->shared_problem();
   } while (exclude_news(result, store));
   finish(result);
   return result;
+}
+
+template <class G>
+Problem<G> MapBuilder<G>::problem_of(const FactStore<G>& store, const Selection<G>& selection) const {
+  const ProblemOptions options{params_.reference, params_.common_frame_is_enu, !backend_.takes_every_factor()};
+  return build_problem<G>(store, selection, options, problem_.get());
 }
 
 // Of what was not in the last map. True if something is left out.
@@ -191,7 +199,7 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
   for (const Hypothesis<G>& h : selection.hypotheses) {
     if (h.state != HypothesisState::accepted || accepted_.count(h.id) != 0) continue;
     if (excess_of_new(map, h, params_.map_residual) > 1.0) excluded_.hypotheses.insert(h.id);
-    for (const auto& [a, b] : h.pairings)
+    for (const auto& [a, b] : *h.pairings)
       for (const Key& landmark : {a, b})
         if (const auto known = global.class_of.find(landmark)) classes.insert(*known);
   }
@@ -199,7 +207,9 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
   if (excluded_.size() != before) return true;
   std::set<Key> batches;
   for (const int c : classes)
-    for (const LandmarkFact<G>* l : selection.landmarks[static_cast<std::size_t>(c)]) batches.insert(l->anchor_key());
+    for (std::size_t l = selection.classes.begin_of(static_cast<std::size_t>(c));
+         l < selection.classes.end_of(static_cast<std::size_t>(c)); ++l)
+      batches.insert(selection.landmarks[l]->anchor_key());
   if (!batches.empty()) excluded_.landmarks.merge(misfits(store, map, params_, &batches));
   return excluded_.size() != before;
 }

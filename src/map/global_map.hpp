@@ -19,7 +19,7 @@ namespace convoy {
 class ClassIndex {
  public:
   ClassIndex() = default;
-  explicit ClassIndex(const std::vector<std::vector<Key>>& classes);
+  explicit ClassIndex(const ClassList& classes);
 
   /// Index in Selection::classes; empty if it is in none.
   std::optional<int> find(const Key& landmark) const;
@@ -73,6 +73,7 @@ class MapBuilder {
   GlobalMap<G> update(const FactStore<G>& store);
 
  private:
+  Problem<G> problem_of(const FactStore<G>& store, const Selection<G>& selection) const;
   bool exclude_news(const GlobalMap<G>& global, const FactStore<G>& store);
   void finish(GlobalMap<G>& global);
 
@@ -81,6 +82,7 @@ class MapBuilder {
   Selector<G> selector_;
   DriftCheck<G> drift_check_;
   std::shared_ptr<IncrementalMap<G>> incremental_;  // null: not asked for yet
+  std::shared_ptr<const Problem<G>> problem_;       // the last one
   // As of the last map.
   Exclusions excluded_;
   std::unordered_set<Hash> accepted_;  // hypotheses

@@ -4,6 +4,7 @@
 #include <convoy/submap/fact_store.hpp>
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 namespace convoy {
@@ -37,8 +38,8 @@ struct HypothesisAlignment {
 template <class G>
 struct Hypothesis {
   Hash id = 0;
-  std::vector<Pairing> pairings;
-  ChainId author;  ///< the smallest chain that states it
+  std::shared_ptr<const std::vector<Pairing>> pairings;  ///< one for all copies
+  ChainId author;                                        ///< the smallest chain that states it
   HypothesisState state = HypothesisState::waiting;
   Key batch_a, batch_b;  ///< anchors, a < b; the first landmark of each pairing is of a
   HypothesisAlignment<G> alignment;

@@ -2,10 +2,10 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/incremental_map.hpp>
 #include <convoy/map/sparse_map.hpp>
-#include <convoy/submap/content_hash.hpp>
 
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 #include <utility>
 
 namespace convoy {
@@ -33,60 +33,64 @@ class TreeCovariance final : public CovarianceSource<G> {
   std::vector<int> id_of_;
 };
 
-// What an unknown is, whatever its number.
+// The same place of the same chain: two places of one anchor and moment may be two unknowns.
 template <class G>
-class Identities {
- public:
-  explicit Identities(const Problem<G>& problem) : problem_(problem), first_of_(problem.points.size(), Key{}) {
-    for (auto l = problem.landmarks.rbegin(); l != problem.landmarks.rend(); ++l)
-      first_of_[static_cast<std::size_t>(l->point)] = l->landmark;
-  }
+bool is_same(const Node<G>& a, const Node<G>& b) {
+  return a.anchor == b.anchor && a.slam.abscissa_m == b.slam.abscissa_m && a.slam.stamp_s == b.slam.stamp_s &&
+         a.slam.pose.translation() == b.slam.pose.translation() && a.slam.pose.rotation() == b.slam.pose.rotation() &&
+         a.slam.drift == b.slam.drift && a.slam.heading_lever == b.slam.heading_lever;
+}
 
-  Hash of(int unknown) const {
-    const auto u = static_cast<std::size_t>(unknown), nodes = problem_.nodes.size(), points = problem_.points.size();
-    ContentHash hash;
-    if (u < nodes) {
-      const Node<G>& node = problem_.nodes[u];
-      add_key(hash, node.anchor);
-      hash.add(node.slam.abscissa_m).add(node.slam.stamp_s).add(node.slam.drift).add(node.slam.heading_lever);
-      add_group(hash, node.slam.pose);
-    } else if (u < nodes + points) {
-      add_key(hash.add(1U, 1), first_of_[u - nodes]);
-    } else {
-      const auto is_its = [&](const ChainSpan& s) { return s.constants == static_cast<int>(u - nodes - points); };
-      const ChainSpan& span = *std::find_if(problem_.chains.begin(), problem_.chains.end(), is_its);
-      hash.add(2U, 1).add(span.chain.vehicle, 4).add(span.chain.epoch);
+// Of each class, the first landmark.
+template <class G>
+std::vector<Key> first_landmarks(const Problem<G>& problem) {
+  std::vector<Key> keys(problem.points.size());
+  for (auto l = problem.landmarks.rbegin(); l != problem.landmarks.rend(); ++l) keys[at(l->point)] = l->landmark;
+  return keys;
+}
+
+// Of each unknown of `after`, its number in `before`; -1: it has none. Both list nodes by anchor, points by their first
+// landmark and constants by chain, so that one look at each is enough.
+template <class G>
+std::vector<int> old_numbers(const Problem<G>& before, const Problem<G>& after) {
+  std::vector<int> old(after.nodes.size() + after.points.size() + after.constants.size(), -1);
+  const std::size_t nodes = before.nodes.size();
+  for (std::size_t n = 0, from = 0; n < after.nodes.size(); ++n) {
+    const Node<G>& node = after.nodes[n];
+    while (from < nodes && before.nodes[from].anchor < node.anchor) ++from;
+    for (std::size_t m = from; m < nodes && before.nodes[m].anchor == node.anchor; ++m) {
+      if (!is_same(before.nodes[m], node)) continue;
+      old[n] = static_cast<int>(m);
+      from = m + 1;
+      break;
     }
-    return hash.value();
   }
-
-  /// By their numbers; of two that look alike, which only broken facts have, the second gets another name.
-  std::unordered_map<Hash, int> all(int unknowns) const {
-    std::unordered_map<Hash, int> numbers;
-    numbers.reserve(static_cast<std::size_t>(unknowns));
-    for (int u = 0; u < unknowns; ++u) {
-      Hash name = of(u);
-      while (!numbers.try_emplace(name, u).second) ++name;
-    }
-    return numbers;
+  const std::vector<Key> keys_before = first_landmarks(before), keys = first_landmarks(after);
+  for (std::size_t p = 0, from = 0; p < keys.size(); ++p) {
+    while (from < keys_before.size() && keys_before[from] < keys[p]) ++from;
+    if (from < keys_before.size() && keys_before[from] == keys[p])
+      old[at(after.unknown_of_point(static_cast<int>(p)))] = before.unknown_of_point(static_cast<int>(from++));
   }
-
- private:
-  const Problem<G>& problem_;
-  std::vector<Key> first_of_;  // the first landmark of each class
-};
+  auto chain = before.chains.begin();
+  for (const ChainSpan& span : after.chains) {
+    if (span.constants < 0) continue;
+    while (chain != before.chains.end() && chain->chain < span.chain) ++chain;
+    if (chain != before.chains.end() && chain->chain == span.chain && chain->constants >= 0)
+      old[at(after.unknown_of_constants(span.constants))] = before.unknown_of_constants(chain->constants);
+  }
+  return old;
+}
 
 }  // namespace
 
 template <class G>
 std::unique_ptr<Map<G>> IncrementalMap<G>::solve(Problem<G> problem) {
-  ++serial_;
   last_ = {};
   const std::shared_ptr<const Problem<G>> before =
       std::exchange(problem_, std::make_shared<const Problem<G>>(std::move(problem)));
   take_unknowns(before.get());
   take_factors();
-  drop_what_is_gone();
+  for (const int id : gone_) tree_.remove_unknown(id);
   if (before == nullptr || !iterate()) {
     last_.from_start = true;
     std::unique_ptr<Map<G>> map = SparseMap<G>().solve(*problem_);
@@ -105,15 +109,16 @@ void IncrementalMap<G>::take_unknowns(const Problem<G>* before) {
   const State<G> old_linearised = std::exchange(linearised_, start_of(*problem_));
   const State<G> old_estimate = std::exchange(estimate_, linearised_);
   const std::vector<int> old_ids = std::exchange(id_of_, std::vector<int>(at(linearised_.size()), -1));
-  const auto old_numbers = std::exchange(number_of_, Identities<G>(*problem_).all(linearised_.size()));
+  if (before == nullptr) old_number_.assign(id_of_.size(), -1);
+  else old_number_ = old_numbers(*before, *problem_);
   std::vector<bool> stays(old_ids.size(), false);
-  for (const auto& [name, u] : number_of_) {
-    const auto old = old_numbers.find(name);
-    if (old == old_numbers.end()) continue;
-    stays[at(old->second)] = true;
-    id_of_[at(u)] = old_ids[at(old->second)];
-    linearised_.set(u, old_linearised, old->second);
-    estimate_.set(u, old_estimate, old->second);
+  for (int u = 0; u < linearised_.size(); ++u) {
+    const int old = old_number_[at(u)];
+    if (old < 0) continue;
+    stays[at(old)] = true;
+    id_of_[at(u)] = old_ids[at(old)];
+    linearised_.set(u, old_linearised, old);
+    estimate_.set(u, old_estimate, old);
   }
   gone_.clear();
   for (std::size_t v = 0; v < old_ids.size(); ++v)
@@ -196,43 +201,59 @@ template <class G>
 LinearTerm IncrementalMap<G>::linear_term(int k) const {
   LinearTerm term;
   for (const int u : factors_->unknowns(k)) term.unknowns.push_back(id_of_[at(u)]);
-  factors_->linearise(k, known_of_[at(k)]->information, linearised_, &term);
+  factors_->linearise(k, known_[at(k)].information, linearised_, &term);
   return term;
 }
 
+// Factors that were there stay in the tree. One is looked for among those that spoke of its first unknown.
 template <class G>
 void IncrementalMap<G>::take_factors() {
-  factors_ = std::make_unique<LinearFactors<G>>(*problem_);
-  known_of_.assign(at(factors_->size()), nullptr);
+  const std::unique_ptr<LinearFactors<G>> old = std::exchange(factors_, std::make_unique<LinearFactors<G>>(*problem_));
+  std::vector<Known> before = std::exchange(known_, std::vector<Known>(at(factors_->size())));
+  // Old factors that nobody has claimed, in lists by the first unknown they speak of, in the old problem.
+  std::vector<int> next(before.size(), -1), head;
+  for (int k = static_cast<int>(before.size()) - 1; k >= 0; --k) {
+    const int u = old->unknowns(k).front();
+    head.resize(std::max(head.size(), at(u) + 1), -1);
+    next[at(k)] = std::exchange(head[at(u)], k);
+  }
   for (int k = 0; k < factors_->size(); ++k) {
-    ContentHash hash;
-    hash.add(factors_->content(k));
-    for (const int u : factors_->unknowns(k)) hash.add(static_cast<std::uint64_t>(id_of_[at(u)]), 4);
-    auto [it, fresh] = known_.try_emplace(hash.value());
-    for (Hash name = hash.value(); it->second.seen == serial_;)
-      std::tie(it, fresh) = known_.try_emplace(++name);  // a twin
-    Known& known = it->second;
-    known.seen = serial_;
-    known_of_[at(k)] = &known;
-    if (fresh) {
-      ++last_.new_factors;
-      known.information = factors_->information(k);
-      known.term = tree_.add_term(linear_term(k));
-      known.chi2 = factors_->linearise(k, known.information, estimate_, nullptr);
-      factor_of_.resize(std::max(factor_of_.size(), at(known.term) + 1));
+    const int u = old_number_[at(factors_->unknowns(k).front())];
+    int* candidate = u >= 0 && at(u) < head.size() ? &head[at(u)] : nullptr;
+    while (candidate != nullptr && *candidate >= 0 && !is_factor(k, *old, *candidate))
+      candidate = &next[at(*candidate)];
+    if (candidate == nullptr || *candidate < 0) {
+      enter(k);
+      continue;
     }
-    factor_of_[at(known.term)] = k;
+    known_[at(k)] = std::move(before[at(*candidate)]);
+    before[at(*candidate)].term = -1;
+    *candidate = next[at(*candidate)];
+    factor_of_[at(known_[at(k)].term)] = k;
+  }
+  for (const Known& gone : before) {
+    if (gone.term < 0) continue;
+    ++last_.gone_factors;
+    tree_.remove_term(gone.term);
   }
 }
 
 template <class G>
-void IncrementalMap<G>::drop_what_is_gone() {
-  last_.gone_factors = static_cast<int>(std::erase_if(known_, [&](const auto& entry) {
-    if (entry.second.seen == serial_) return false;
-    tree_.remove_term(entry.second.term);
-    return true;
-  }));
-  for (const int id : gone_) tree_.remove_unknown(id);
+bool IncrementalMap<G>::is_factor(int k, const LinearFactors<G>& old, int old_k) const {
+  return std::ranges::equal(factors_->unknowns(k), old.unknowns(old_k),
+                            [&](int u, int old_u) { return old_number_[at(u)] == old_u; }) &&
+         factors_->says_the_same(k, old, old_k);
+}
+
+template <class G>
+void IncrementalMap<G>::enter(int k) {
+  ++last_.new_factors;
+  Known& known = known_[at(k)];
+  known.information = factors_->information(k);
+  known.term = tree_.add_term(linear_term(k));
+  judge(k);
+  factor_of_.resize(std::max(factor_of_.size(), at(known.term) + 1));
+  factor_of_[at(known.term)] = k;
 }
 
 // Each once, as long as `terms` is empty at first.
@@ -256,16 +277,19 @@ void IncrementalMap<G>::linearise_at_estimate(const std::vector<int>& unknowns) 
     add_terms_of(id_of_[at(u)], stale);
   }
   for (const int t : stale) tree_.change_term(t, linear_term(factor_of_[at(t)]));
-  judge(stale);
   last_.relinearised += static_cast<int>(unknowns.size());
 }
 
 template <class G>
-void IncrementalMap<G>::judge(const std::vector<int>& terms) {
-  for (const int t : terms) {
-    const int k = factor_of_[at(t)];
-    known_of_[at(k)]->chi2 = factors_->linearise(k, known_of_[at(k)]->information, estimate_, nullptr);
-  }
+void IncrementalMap<G>::judge(int k) {
+  known_[at(k)].chi2 = factors_->linearise(k, known_[at(k)].information, estimate_, nullptr);
+}
+
+template <class G>
+void IncrementalMap<G>::judge_around(const std::vector<int>& unknowns) {
+  std::vector<int> stale;
+  for (const int u : unknowns) add_terms_of(id_of_[at(u)], stale);
+  for (const int t : stale) judge(factor_of_[at(t)]);
 }
 
 template <class G>
@@ -281,7 +305,7 @@ bool IncrementalMap<G>::is_far(int u, const typename State<G>::Step& step) const
 template <class G>
 double IncrementalMap<G>::total_chi2() const {
   double sum = 0.0;
-  for (const Known* known : known_of_) sum += known->chi2;
+  for (const Known& known : known_) sum += known.chi2;
   return sum;
 }
 
@@ -289,8 +313,9 @@ double IncrementalMap<G>::total_chi2() const {
 template <class G>
 bool IncrementalMap<G>::iterate() {
   linearise_at_estimate(placed_anew_);
+  judge_around(placed_anew_);
   const double start_chi2 = total_chi2();
-  std::vector<int> far, stale;
+  std::vector<int> far, moved;
   while (last_.iterations < params_.max_iterations) {
     ++last_.iterations;
     const FrontTree::Report report = tree_.update(
@@ -298,17 +323,18 @@ bool IncrementalMap<G>::iterate() {
     last_.fronts += report.fronts;
     if (report.failed) return false;
     far.clear();
-    stale.clear();
     for (const int id : tree_.moved()) {
       const int u = unknown_of_[at(id)];
       const typename State<G>::Step step = tree_.solution(id);
       if (!step.allFinite()) return false;
       estimate_.move(u, linearised_, step);
+      moved.push_back(u);
       if (is_far(u, step)) far.push_back(u);
-      add_terms_of(id, stale);
     }
-    judge(stale);
-    if (far.empty()) return total_chi2() <= start_chi2 + 1e-3 * (1.0 + start_chi2);
+    if (far.empty()) {
+      judge_around(moved);
+      return total_chi2() <= start_chi2 + 1e-3 * (1.0 + start_chi2);
+    }
     linearise_at_estimate(far);
   }
   return false;
@@ -317,14 +343,16 @@ bool IncrementalMap<G>::iterate() {
 template <class G>
 void IncrementalMap<G>::restart(const Map<G>& map) {
   const State<G> there{map.poses(), map.points(), map.constants()};
+  const std::vector<int> number_there = old_numbers(map.problem(), *problem_);
   std::vector<int> elsewhere;
-  for (const auto& [name, number] : Identities<G>(map.problem()).all(there.size())) {
-    const auto mine = number_of_.find(name);
-    if (mine == number_of_.end() || !is_far(mine->second, estimate_.step_to(there, mine->second, number))) continue;
-    estimate_.set(mine->second, there, number);
-    elsewhere.push_back(mine->second);
+  for (int u = 0; u < estimate_.size(); ++u) {
+    const int there_u = number_there[at(u)];
+    if (there_u < 0 || !is_far(u, estimate_.step_to(there, u, there_u))) continue;
+    estimate_.set(u, there, there_u);
+    elsewhere.push_back(u);
   }
   linearise_at_estimate(elsewhere);
+  for (int k = 0; k < static_cast<int>(known_.size()); ++k) judge(k);
 }
 
 #define CONVOY_INSTANTIATE(G) template class IncrementalMap<G>;

@@ -10,7 +10,6 @@
 #include <convoy/solver/front_tree.hpp>
 
 #include <memory>
-#include <unordered_map>
 #include <vector>
 
 namespace convoy {
@@ -45,39 +44,38 @@ class IncrementalMap {
 
  private:
   struct Known {  // a factor that is in the tree
-    int term = 0;
+    int term = -1;
     Eigen::MatrixXd information;
     double chi2 = 0.0;
-    std::uint64_t seen = 0;  // the last solve() that had it
   };
   void take_unknowns(const Problem<G>* before);
   void place(int unknown);
   bool starts_anew(const ChainSpan& span, const Problem<G>* before) const;
   typename G::Point mean_of_members(std::size_t first) const;
   void take_factors();
-  void drop_what_is_gone();
+  bool is_factor(int k, const LinearFactors<G>& old, int old_k) const;
+  void enter(int factor);
   bool iterate();
   void add_terms_of(int id, std::vector<int>& terms);
   void linearise_at_estimate(const std::vector<int>& unknowns);
-  void judge(const std::vector<int>& terms);
+  void judge(int factor);  // at the estimate
+  void judge_around(const std::vector<int>& unknowns);
   bool is_far(int unknown, const typename State<G>::Step& step) const;
   LinearTerm linear_term(int factor) const;
   double total_chi2() const;
 
   IncrementalMapParams params_;
   FrontTree tree_;
-  std::uint64_t serial_ = 0;
   std::shared_ptr<const Problem<G>> problem_;
   std::unique_ptr<LinearFactors<G>> factors_;
-  State<G> linearised_, estimate_;           // of the problem's unknowns
-  std::vector<int> id_of_;                   // in the tree, of each unknown of the problem
-  std::vector<int> unknown_of_;              // the other way round
-  std::unordered_map<Hash, int> number_of_;  // of the problem's unknowns, by what they are
-  std::vector<int> gone_;                    // in the tree: what this problem has no more
-  std::vector<int> placed_anew_;  // unknowns of the problem that were there, and start from somewhere else now
-  std::vector<int> new_nodes_;    // in the tree
-  std::unordered_map<Hash, Known> known_;
-  std::vector<Known*> known_of_;         // each factor of the problem
+  State<G> linearised_, estimate_;       // of the problem's unknowns
+  std::vector<int> id_of_;               // in the tree, of each unknown of the problem
+  std::vector<int> unknown_of_;          // the other way round
+  std::vector<int> old_number_;          // of each unknown of the problem, in the one before; -1: it is new
+  std::vector<int> gone_;                // in the tree: what this problem has no more
+  std::vector<int> placed_anew_;         // unknowns of the problem that were there, and start from somewhere else now
+  std::vector<int> new_nodes_;           // in the tree
+  std::vector<Known> known_;             // each factor of the problem
   std::vector<int> factor_of_;           // of each term of the tree
   std::vector<std::uint64_t> stamp_of_;  // scratch, by term
   std::uint64_t stamp_ = 0;

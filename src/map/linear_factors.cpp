@@ -2,7 +2,6 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/factors.hpp>
 #include <convoy/map/linear_factors.hpp>
-#include <convoy/submap/content_hash.hpp>
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -84,6 +83,7 @@ void LinearFactors<G>::add_landmarks() {
       for (auto l = shares; l != last; ++l) unknowns_.push_back(problem_.unknown_of_point((*l)->point));
       factors_.back().unknowns += static_cast<std::size_t>(last - shares);
     }
+    for (auto l = first; l != last; ++l) index_of_.push_back((*l)->landmark.index);
     first = last;
   }
 }
@@ -199,28 +199,32 @@ double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, co
   return r.dot(Wr);
 }
 
-// Facts never change, so that a key says what a landmark, a fix or an encounter is, and the nodes what lies between
-// them.
+// A key says what a landmark, a fix or an encounter is, and the nodes what lies between them.
 template <class G>
-Hash LinearFactors<G>::content(int k) const {
-  const Factor& f = factors_[at(k)];
-  ContentHash hash;
-  hash.add(static_cast<std::uint64_t>(f.kind), 1);
+bool LinearFactors<G>::says_the_same(int k, const LinearFactors& other, int k_other) const {
+  const Factor &f = factors_[at(k)], &g = other.factors_[at(k_other)];
+  if (f.kind != g.kind || f.unknowns != g.unknowns) return false;
+  const Problem<G>& there = other.problem_;
   switch (f.kind) {
-    case Kind::prior:
-      add_group(hash, problem_.priors[f.index].mean);
-      hash.add(problem_.priors[f.index].covariance);
-      break;
-    case Kind::constants: hash.add(problem_.constants[f.index].mean).add(problem_.constants[f.index].sigma); break;
+    case Kind::prior: {
+      const PriorFactor<G>&a = problem_.priors[f.index], &b = there.priors[g.index];
+      return a.mean.translation() == b.mean.translation() && a.mean.rotation() == b.mean.rotation() &&
+             a.covariance == b.covariance;
+    }
+    case Kind::constants: {
+      const ConstantsFactor<G>&a = problem_.constants[f.index], &b = there.constants[g.index];
+      return a.mean == b.mean && a.sigma == b.sigma;
+    }
     case Kind::drift:
-    case Kind::bounded: break;
-    case Kind::fix: add_key(hash, problem_.fixes[f.index].fix); break;
-    case Kind::encounter: add_key(hash, problem_.encounters[f.index].encounter); break;
-    case Kind::landmarks:
-      for (std::size_t i = 0; i < landmarks_in(f); ++i) add_key(hash, landmark(f, i).landmark);
-      break;
+    case Kind::bounded: return true;
+    case Kind::fix: return problem_.fixes[f.index].fix == there.fixes[g.index].fix;
+    case Kind::encounter: return problem_.encounters[f.index].encounter == there.encounters[g.index].encounter;
+    case Kind::landmarks: break;
   }
-  return hash.value();
+  const auto first = [](const LinearFactors& of, const Factor& factor) {
+    return of.index_of_.begin() + static_cast<std::ptrdiff_t>(factor.index);
+  };
+  return std::equal(first(*this, f), first(*this, f) + static_cast<std::ptrdiff_t>(landmarks_in(f)), first(other, g));
 }
 
 template <class G>

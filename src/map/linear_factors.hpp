@@ -27,8 +27,9 @@ class LinearFactors {
   Eigen::MatrixXd information(int k) const;
   /// H and b of factor k, rows of its unknowns stacked, and r^T W r. `term` null: that alone.
   double linearise(int k, const Eigen::MatrixXd& W, const State<G>& at, LinearTerm* term) const;
-  /// The same for the same content, whatever its number and those of its unknowns; does not tell those of them.
-  Hash content(int k) const;
+  /// True if factor k says of its unknowns, whichever they are, what factor `k_other` of `other` says of its own. Both
+  /// are of one store, where facts never change.
+  bool says_the_same(int k, const LinearFactors& other, int k_other) const;
   /// Rows of all residuals together.
   int residuals() const;
 
@@ -49,6 +50,7 @@ class LinearFactors {
   std::vector<Factor> factors_;
   std::vector<int> unknowns_;
   std::vector<const LandmarkFactor<G>*> by_node_;
+  std::vector<std::uint32_t> index_of_;  // of their landmarks, in their chains
 };
 
 }  // namespace convoy

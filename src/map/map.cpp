@@ -14,7 +14,10 @@ namespace convoy {
 template <class G>
 Map<G>::Map(std::shared_ptr<const Problem<G>> problem, State<G> solution, SolveReport report,
             std::unique_ptr<CovarianceSource<G>> covariances)
-    : problem_(std::move(problem)), at_(std::move(solution)), report_(report), covariances_(std::move(covariances)) {
+    : problem_(std::move(problem)), at_(std::move(solution)), report_(report), covariances_(std::move(covariances)) {}
+
+template <class G>
+Hash Map<G>::digest() const {
   ContentHash hash;
   for (const ChainSpan& span : problem_->chains)
     hash.add(span.chain.vehicle, 4).add(span.chain.epoch).add(span.aligned ? 1U : 0U, 1);
@@ -24,7 +27,7 @@ Map<G>::Map(std::shared_ptr<const Problem<G>> problem, State<G> solution, SolveR
   }
   for (const auto& point : at_.points) hash.add(point);
   for (const auto& c : at_.constants) hash.add(c);
-  digest_ = hash.value();
+  return hash.value();
 }
 
 template <class G>

@@ -101,12 +101,13 @@ class Map {
   std::pair<double, int> contradiction(const DriftFactor<G>& motion);
 
   const Problem<G>& problem() const { return *problem_; }
+  const std::shared_ptr<const Problem<G>>& shared_problem() const { return problem_; }
   const std::vector<G>& poses() const { return at_.poses; }                     ///< of Problem::nodes
   const std::vector<typename G::Point>& points() const { return at_.points; }   ///< of Problem::points
   const std::vector<Constants<G>>& constants() const { return at_.constants; }  ///< of Problem::constants
   const SolveReport& report() const { return report_; }
   /// Hash of every pose and point to the bit. Equal for equal facts.
-  Hash digest() const { return digest_; }
+  Hash digest() const;
 
  private:
   // d_pose = A d_first + B d_second + C d_constants + noise, by the nodes around it.
@@ -129,7 +130,6 @@ class Map {
   State<G> at_;
   SolveReport report_;
   std::unique_ptr<CovarianceSource<G>> covariances_;
-  Hash digest_ = 0;
 };
 
 template <class G>

@@ -6,8 +6,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
-#include <optional>
 #include <utility>
 #include <vector>
 
@@ -39,48 +39,74 @@ class MisfitSearch {
         params_(params),
         margin_(chi2_quantile(params.separation, G::Dim)),
         far_(chi2_quantile(0.9999, G::Dim)),
-        evidence_of_(map.points().size()) {
-    classes_.landmarks.resize(evidence_of_.size());
+        number_of_(map.points().size(), -1) {
     const auto& landmarks = map.problem().landmarks;
-    for (std::size_t l = 0; l < landmarks.size(); ++l)
+    for (std::size_t l = 0; l < landmarks.size(); ++l) {
       if (l == 0 || landmarks[l].point != landmarks[l - 1].point) first_member_.push_back(l);
+      widest_ = std::max(widest_, landmarks[l].covariance.trace());
+    }
     first_member_.push_back(landmarks.size());
-    for (const LandmarkFactor<G>& f : landmarks) widest_ = std::max(widest_, f.covariance.trace());
-    for (int c = 0; c < static_cast<int>(map.points().size()); ++c) by_x_.emplace_back(map.points()[index(c)].x(), c);
-    std::sort(by_x_.begin(), by_x_.end());
   }
 
   std::set<Key> run(const std::set<Key>* batches) {
-    std::map<Key, std::vector<const LandmarkFactor<G>*>> factors_of;  // by anchor
-    for (const LandmarkFactor<G>& f : map_.problem().landmarks) {
-      const Key& anchor = map_.problem().nodes[index(f.node)].anchor;
-      if (batches == nullptr || batches->count(anchor) != 0) factors_of[anchor].push_back(&f);
-    }
-    for (const auto& [anchor, factors] : factors_of) {
+    const std::vector<Node<G>>& nodes = map_.problem().nodes;
+    std::vector<bool> judged(nodes.size());
+    for (std::size_t n = 0; n < nodes.size(); ++n)
+      judged[n] = batches == nullptr || batches->count(nodes[n].anchor) != 0;
+    FactorsOfNode factors_of;
+    for (const LandmarkFactor<G>& f : map_.problem().landmarks)
+      if (judged[index(f.node)]) factors_of[f.node].push_back(&f);
+    sort_points(factors_of, batches == nullptr);
+    for (const auto& [node, factors] : factors_of) {
       if (static_cast<int>(factors.size()) <= params_.min_pairings) continue;
-      const Laid laid = lay(anchor, factors);
-      for (const LandmarkFactor<G>* f : factors) classes_.landmarks[index(f->point)] = without(*f).point();
+      const Laid laid = lay(nodes[index(node)].anchor, factors);
+      for (const LandmarkFactor<G>* f : factors) {
+        const std::size_t c = index(look_at(f->point));
+        looked_at_.landmarks[c] = without(evidence_[c], *f).point();
+      }
       judge(laid);
-      for (const LandmarkFactor<G>* f : factors) classes_.landmarks[index(f->point)] = evidence(f->point).point();
+      for (const LandmarkFactor<G>* f : factors) {
+        const std::size_t c = index(look_at(f->point));
+        looked_at_.landmarks[c] = evidence_[c].point();
+      }
     }
     return std::move(misfits_);
   }
 
  private:
+  using FactorsOfNode = std::map<int, std::vector<const LandmarkFactor<G>*>>;
+
+  // All, or those around some batches, as the map lays them: of what is farther away nothing can be conceivable.
+  void sort_points(const FactorsOfNode& factors_of, bool all) {
+    const double margin = 4.0 * std::sqrt(reach_squared(2.0 * widest_));
+    typename G::Point low = G::Point::Constant(std::numeric_limits<double>::infinity()), high = -low;
+    for (const auto& [node, factors] : factors_of)
+      for (const LandmarkFactor<G>* f : factors) {
+        const typename G::Point p = map_.poses()[index(node)] * f->position;
+        low = low.cwiseMin(p);
+        high = high.cwiseMax(p);
+      }
+    for (int c = 0; c < static_cast<int>(map_.points().size()); ++c) {
+      const typename G::Point& p = map_.points()[index(c)];
+      if (all || ((p - low).minCoeff() >= -margin && (high - p).minCoeff() >= -margin)) by_x_.emplace_back(p.x(), c);
+    }
+    std::sort(by_x_.begin(), by_x_.end());
+  }
+
   struct Laid {
     Batch<G> batch;
     std::vector<IndexPairing> pairs;  // (class, landmark)
     std::vector<int> unpaired;        // landmarks in no class
   };
 
-  Laid lay(const Key& anchor, const std::vector<const LandmarkFactor<G>*>& factors) const {
+  Laid lay(const Key& anchor, const std::vector<const LandmarkFactor<G>*>& factors) {
     Laid laid{batch_of(store_, anchor), {}, {}};
     std::map<Key, int> class_of;
     for (const LandmarkFactor<G>* f : factors) class_of[f->landmark] = f->point;
     for (int l = 0; l < static_cast<int>(laid.batch.landmarks.size()); ++l) {
       const auto found = class_of.find(at(laid.batch, l).key);
       if (found == class_of.end()) laid.unpaired.push_back(l);
-      else laid.pairs.emplace_back(found->second, l);
+      else laid.pairs.emplace_back(look_at(found->second), l);
     }
     return laid;
   }
@@ -94,40 +120,42 @@ class MisfitSearch {
     return e;
   }
 
-  // Of all members of a class, when first asked for.
-  const Evidence<G>& evidence(int c) {
-    std::optional<Evidence<G>>& sum = evidence_of_[index(c)];
-    if (sum) return *sum;
-    sum.emplace();
-    for (std::size_t l = first_member_[index(c)]; l < first_member_[index(c) + 1]; ++l) {
+  // Its number among the classes that are looked at; all of its members have their say.
+  int look_at(int point) {
+    int& number = number_of_[index(point)];
+    if (number >= 0) return number;
+    number = static_cast<int>(point_of_.size());
+    Evidence<G> sum;
+    for (std::size_t l = first_member_[index(point)]; l < first_member_[index(point) + 1]; ++l) {
       const Evidence<G> e = evidence_of(map_.problem().landmarks[l]);
-      sum->information += e.information;
-      sum->weighted += e.weighted;
+      sum.information += e.information;
+      sum.weighted += e.weighted;
     }
-    classes_.landmarks[index(c)] = sum->point();
-    return *sum;
+    point_of_.push_back(point);
+    evidence_.push_back(sum);
+    looked_at_.landmarks.push_back(sum.point());
+    return number;
   }
 
-  Evidence<G> without(const LandmarkFactor<G>& f) {
-    Evidence<G> rest = evidence(f.point);
+  Evidence<G> without(Evidence<G> all, const LandmarkFactor<G>& f) const {
     const Evidence<G> own = evidence_of(f);
-    rest.information -= own.information;
-    rest.weighted -= own.weighted;
-    return rest;
+    all.information -= own.information;
+    all.weighted -= own.weighted;
+    return all;
   }
 
   // A covariance has no eigenvalue beyond its trace: what lies farther than this needs no closer look.
   double reach_squared(double trace) const { return far_ * trace * (1.0 + 1e-6); }
 
-  // classes_ have not heard of this batch.
+  // looked_at_ has not heard of this batch.
   void judge(const Laid& laid) {
-    const auto whole = align(classes_, laid.batch, laid.pairs);
+    const auto whole = align(looked_at_, laid.batch, laid.pairs);
     if (!whole) return;
     const G& T = whole->T_a_b;
     const typename G::PointCovariance R = T.rotation();
     const auto conceivable = [&](int c,
                                  int l) {  // by each landmark's own covariance: the shared part may have hidden it
-      const LandmarkFact<G>&point = class_point(c), &landmark = at(laid.batch, l);
+      const LandmarkFact<G>&point = at(looked_at_, c), &landmark = at(laid.batch, l);
       const typename G::Point apart = point.position - T * landmark.position;
       if (apart.squaredNorm() > reach_squared(point.covariance.trace() + landmark.covariance.trace())) return false;
       return squared_mahalanobis(
@@ -137,12 +165,13 @@ class MisfitSearch {
     for (const auto& [c, l] : laid.pairs) taken.insert(c);
     const auto other_class = [&](const IndexPairing& p) {
       const LandmarkFact<G>& landmark = at(laid.batch, p.second);
-      const double x = (T * landmark.position).x();
+      const typename G::Point p_map = T * landmark.position;
       const double reach =
-          2.0 * std::sqrt(reach_squared(widest_ + landmark.covariance.trace()));  // x is that of the solved point
-      auto near = std::lower_bound(by_x_.begin(), by_x_.end(), std::pair(x - reach, -1));
-      for (; near != by_x_.end() && near->first <= x + reach; ++near) {
-        const int k = near->second;
+          2.0 * std::sqrt(reach_squared(widest_ + landmark.covariance.trace()));  // of the solved points
+      auto near = std::lower_bound(by_x_.begin(), by_x_.end(), std::pair(p_map.x() - reach, -1));
+      for (; near != by_x_.end() && near->first <= p_map.x() + reach; ++near) {
+        if ((map_.points()[index(near->second)] - p_map).norm() > reach) continue;
+        const int k = look_at(near->second);
         if (taken.count(k) || !conceivable(k, p.second) || !told_apart(k, p.first)) continue;
         if (could_be(laid, {p}, {{k, p.second}})) return true;
       }
@@ -165,7 +194,10 @@ class MisfitSearch {
   // Some batch has seen both: else they may well be one thing, of which not everybody has been told, and which of them
   // a landmark belongs to makes no difference.
   bool told_apart(int c, int k) const {
-    const auto members_of = [&](int of) { return std::pair(first_member_[index(of)], first_member_[index(of) + 1]); };
+    const auto members_of = [&](int of) {
+      const std::size_t point = index(point_of_[index(of)]);
+      return std::pair(first_member_[point], first_member_[point + 1]);
+    };
     const auto& landmarks = map_.problem().landmarks;
     for (auto [l, end] = members_of(c); l < end; ++l)
       for (auto [m, other_end] = members_of(k); m < other_end; ++m)
@@ -174,10 +206,6 @@ class MisfitSearch {
   }
 
   static const LandmarkFact<G>& at(const Batch<G>& batch, int l) { return batch.landmarks[index(l)]; }
-  const LandmarkFact<G>& class_point(int c) {
-    evidence(c);
-    return at(classes_, c);
-  }
 
   // Something else is conceivable. True unless, with the rest of the batch laid onto the map, `pairs` fit well, and
   // clearly better than `otherwise`.
@@ -186,11 +214,11 @@ class MisfitSearch {
     std::vector<IndexPairing> rest;
     for (const IndexPairing& p : laid.pairs)
       if (std::find(pairs.begin(), pairs.end(), p) == pairs.end()) rest.push_back(p);
-    const auto alignment = align(classes_, laid.batch, rest);
+    const auto alignment = align(looked_at_, laid.batch, rest);
     if (!alignment) return true;
     const auto fit = [&](const std::vector<IndexPairing>& set) {
       double chi2 = 0.0;
-      for (const auto& [c, l] : set) chi2 += residual_chi2(*alignment, at(classes_, c), at(laid.batch, l));
+      for (const auto& [c, l] : set) chi2 += residual_chi2(*alignment, at(looked_at_, c), at(laid.batch, l));
       return chi2;
     };
     const double fitted = fit(pairs);
@@ -201,11 +229,13 @@ class MisfitSearch {
   const Map<G>& map_;
   const SelectionParams& params_;
   double margin_, far_;
-  std::vector<std::size_t> first_member_;  // of each class, among the factors of the problem; one more at the end
-  std::vector<std::optional<Evidence<G>>> evidence_of_;  // of each class that was asked for
-  Batch<G> classes_;                                     // their points
-  std::vector<std::pair<double, int>> by_x_;             // (x of its solved point, class)
-  double widest_ = 0.0;  // largest trace of a landmark's covariance; that of a class is smaller
+  std::vector<std::size_t> first_member_;     // of each class, among the factors of the problem; one more at the end
+  std::vector<int> number_of_;                // of each point, among the classes that are looked at; -1: not yet
+  std::vector<int> point_of_;                 // of each class that is looked at
+  std::vector<Evidence<G>> evidence_;         // the same
+  Batch<G> looked_at_;                        // the same: where they are
+  std::vector<std::pair<double, int>> by_x_;  // (x of its solved point, class)
+  double widest_ = 0.0;                       // largest trace of a landmark's covariance; that of a class is smaller
   std::set<Key> misfits_;
 };
 

@@ -9,7 +9,9 @@
 #include <limits>
 #include <map>
 #include <optional>
+#include <ranges>
 #include <set>
+#include <span>
 #include <tuple>
 #include <utility>
 #include <vector>
@@ -37,14 +39,17 @@ typename G::PointCovariance floored_point(const typename G::PointCovariance& P) 
 template <class G>
 class ProblemBuilder {
  public:
-  ProblemBuilder(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options)
+  ProblemBuilder(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options,
+                 const Problem<G>* before)
       : store_(store),
         selection_(selection),
+        before_(before),
         reference_(options.reference),
         enu_(options.common_frame_is_enu),
         plain_(options.plain) {}
 
   Problem<G> build() {
+    find_known_classes();
     add_nodes();
     connect_chains();
     place_chains();
@@ -65,8 +70,37 @@ class ProblemBuilder {
     return prior != nullptr && prior->known ? prior : nullptr;
   }
 
-  void add_nodes() {
-    std::map<ChainId, std::vector<std::uint32_t>> wanted;
+  static constexpr std::size_t none = std::numeric_limits<std::size_t>::max();
+
+  std::size_t end_of_known_class(std::size_t first) const {
+    const std::vector<LandmarkFactor<G>>& known = before_->landmarks;
+    std::size_t end = first;
+    while (end < known.size() && known[end].point == known[first].point) ++end;
+    return end;
+  }
+
+  // Classes that the problem before had, with the same members.
+  void find_known_classes() {
+    known_class_.assign(selection_.classes.size(), none);
+    if (before_ == nullptr) return;
+    const std::vector<LandmarkFactor<G>>& known = before_->landmarks;
+    std::size_t first = 0;
+    for (std::size_t c = 0; c < known_class_.size(); ++c) {
+      const std::span<const Key> members = selection_.classes[c];
+      while (first < known.size() && known[first].landmark < members.front()) first = end_of_known_class(first);
+      if (first == known.size() || known[first].landmark != members.front()) continue;
+      const std::size_t end = end_of_known_class(first);
+      if (std::ranges::equal(members, std::span(known).subspan(first, end - first), {}, {},
+                             &LandmarkFactor<G>::landmark))
+        known_class_[c] = first;
+      first = end;
+    }
+  }
+
+  using WantedAnchors = std::map<ChainId, std::vector<std::uint32_t>>;  // indices, by chain
+
+  WantedAnchors wanted_anchors() const {
+    WantedAnchors wanted;
     for (const auto& [id, chain] : store_.chains())
       if (!chain.anchors.empty() || !chain.priors.empty()) wanted[id] = {0};
     auto chain = wanted.begin();
@@ -75,11 +109,27 @@ class ProblemBuilder {
         chain = wanted.try_emplace(anchor.chain, std::vector{0U}).first;
       chain->second.push_back(anchor.index);
     };
-    for (const auto& members : selection_.landmarks)
-      for (const LandmarkFact<G>* landmark : members) want(landmark->anchor_key());
+    std::vector<bool> known(before_ == nullptr ? 0 : before_->nodes.size(), false);
+    for (std::size_t c = 0; c < known_class_.size(); ++c) {
+      if (known_class_[c] == none)
+        for (std::size_t l = selection_.classes.begin_of(c); l < selection_.classes.end_of(c); ++l)
+          want(selection_.landmarks[l]->anchor_key());
+      else
+        for (std::size_t l = known_class_[c]; l < end_of_known_class(known_class_[c]); ++l)
+          known[static_cast<std::size_t>(before_->landmarks[l].node)] = true;
+    }
+    for (std::size_t n = 0; n < known.size(); ++n)
+      if (known[n]) want(before_->nodes[n].anchor);
+    return wanted;
+  }
+
+  void add_nodes() {
+    WantedAnchors wanted = wanted_anchors();
     WaypointsByAnchor waypoints;
     if (!plain_) waypoints = waypoints_of_selection();
-    for (const auto& [anchor, list] : waypoints) want(anchor);
+    for (const auto& [anchor, list] : waypoints)
+      wanted.try_emplace(anchor.chain, std::vector{0U}).first->second.push_back(anchor.index);
+    node_now_.assign(before_ == nullptr ? 0 : before_->nodes.size(), -1);
     for (auto& [id, indices] : wanted) {
       std::sort(indices.begin(), indices.end());
       indices.erase(std::unique(indices.begin(), indices.end()), indices.end());
@@ -87,9 +137,8 @@ class ProblemBuilder {
       std::vector<std::pair<std::uint32_t, int>>& nodes = node_of_[id];
       for (const std::uint32_t index : indices) {
         const Key key{id, index};
-        const AnchorFact<G>* anchor = store_.anchor(key);
         nodes.emplace_back(index, static_cast<int>(problem_.nodes.size()));
-        problem_.nodes.push_back({key, anchor != nullptr ? anchor->state : ChainState<G>{}, G()});  // index 0: origin
+        add_anchor_node(key);
         if (const auto found = waypoints.find(key); found != waypoints.end()) add_waypoint_nodes(found->second);
       }
       span.end = static_cast<int>(problem_.nodes.size());
@@ -101,6 +150,21 @@ class ProblemBuilder {
     parent_.resize(problem_.chains.size());
     for (std::size_t i = 0; i < parent_.size(); ++i) parent_[i] = static_cast<int>(i);
     base_.resize(problem_.chains.size());
+  }
+
+  // Anchors come in order. The start of a chain may have stood in for its anchor until that came.
+  void add_anchor_node(const Key& key) {
+    while (next_known_ < node_now_.size() && before_->nodes[next_known_].anchor < key) ++next_known_;
+    const bool known = next_known_ < node_now_.size() && before_->nodes[next_known_].anchor == key;
+    if (known) node_now_[next_known_] = static_cast<int>(problem_.nodes.size());
+    if (known && key.index != 0) {
+      node_before_.push_back(static_cast<int>(next_known_));
+      problem_.nodes.push_back(before_->nodes[next_known_]);
+      return;
+    }
+    const AnchorFact<G>* anchor = store_.anchor(key);
+    node_before_.push_back(-1);
+    problem_.nodes.push_back({key, anchor != nullptr ? anchor->state : ChainState<G>{}, G()});  // index 0: origin
   }
 
   // A place on the way between two anchors that a fact is about.
@@ -135,7 +199,10 @@ class ProblemBuilder {
       const ChainState<G>& last = problem_.nodes.back().slam;
       const bool moved = w.state->pose.translation() != last.pose.translation() ||
                          w.state->pose.rotation() != last.pose.rotation() || w.state->drift != last.drift;
-      if (moved) problem_.nodes.push_back({problem_.nodes.back().anchor, *w.state, G()});
+      if (moved) {
+        problem_.nodes.push_back({problem_.nodes.back().anchor, *w.state, G()});
+        node_before_.push_back(-1);
+      }
       waypoint_node_[{w.kind, w.key}] = static_cast<int>(problem_.nodes.size()) - 1;
     }
   }
@@ -157,10 +224,21 @@ class ProblemBuilder {
     return chain;
   }
 
+  // An accepted hypothesis between two chains.
+  struct Link {
+    const Hypothesis<G>* hypothesis;
+    int a, b;
+  };
+
   void connect_chains() {
+    links_of_.resize(problem_.chains.size());
     for (const Hypothesis<G>& h : selection_.hypotheses) {
-      if (h.state != HypothesisState::accepted) continue;
-      const int a = group(chain_of_.at(h.batch_a.chain)), b = group(chain_of_.at(h.batch_b.chain));
+      if (h.state != HypothesisState::accepted || h.batch_a.chain == h.batch_b.chain) continue;
+      const Link link{&h, chain_of_.at(h.batch_a.chain), chain_of_.at(h.batch_b.chain)};
+      for (const int chain : {link.a, link.b})
+        links_of_[static_cast<std::size_t>(chain)].push_back(static_cast<int>(links_.size()));
+      links_.push_back(link);
+      const int a = group(link.a), b = group(link.b);
       parent_[static_cast<std::size_t>(std::max(a, b))] = std::min(a, b);  // the root is the smallest chain
     }
   }
@@ -216,26 +294,25 @@ class ProblemBuilder {
     return G();
   }
 
-  // Breadth first along the accepted hypotheses in their canonical order, strongest first.
+  // Along the accepted hypotheses in their canonical order: of those with one end placed, the strongest is next.
   void place_group(const std::vector<int>& members, int first, const G& base) {
-    base_[static_cast<std::size_t>(first)] = base;
-    std::set<int> placed{first};
-    for (bool progress = true; progress && placed.size() < members.size();) {
-      progress = false;
-      for (const Hypothesis<G>& h : selection_.hypotheses) {
-        if (h.state != HypothesisState::accepted) continue;
-        const int a = chain_of_.at(h.batch_a.chain), b = chain_of_.at(h.batch_b.chain);
-        if (placed.count(a) == placed.count(b)) continue;
-        const G Xa = store_.anchor(h.batch_a)->state.pose, Xb = store_.anchor(h.batch_b)->state.pose;
-        const G& z = h.alignment.T_a_b;
-        if (placed.count(a))
-          base_[static_cast<std::size_t>(b)] = base_[static_cast<std::size_t>(a)] * Xa * z * Xb.inverse();
-        else base_[static_cast<std::size_t>(a)] = base_[static_cast<std::size_t>(b)] * Xb * z.inverse() * Xa.inverse();
-        placed.insert({a, b});
-        problem_.placed_by.insert(h.id);
-        progress = true;
-        break;
-      }
+    std::set<int> placed;
+    std::set<int> ready;  // links of what is placed
+    const auto place = [&](int chain, const G& at) {
+      base_[static_cast<std::size_t>(chain)] = at;
+      placed.insert(chain);
+      const std::vector<int>& links = links_of_[static_cast<std::size_t>(chain)];
+      ready.insert(links.begin(), links.end());
+    };
+    place(first, base);
+    while (placed.size() < members.size()) {
+      const auto& [h, a, b] = links_[static_cast<std::size_t>(ready.extract(ready.begin()).value())];
+      if (placed.count(a) == placed.count(b)) continue;
+      const G Xa = store_.anchor(h->batch_a)->state.pose, Xb = store_.anchor(h->batch_b)->state.pose;
+      const G& z = h->alignment.T_a_b;
+      if (placed.count(a)) place(b, base_[static_cast<std::size_t>(a)] * Xa * z * Xb.inverse());
+      else place(a, base_[static_cast<std::size_t>(b)] * Xb * z.inverse() * Xa.inverse());
+      problem_.placed_by.insert(h->id);
     }
     for (const int chain : members)
       each_node(chain, [&](Node<G>& node) { node.initial = base_[static_cast<std::size_t>(chain)] * node.slam.pose; });
@@ -467,18 +544,33 @@ class ProblemBuilder {
   }
 
   void add_drifts() {
+    std::vector<const DriftFactor<G>*> known(node_now_.size(), nullptr);  // by the node it leads to
+    if (before_ != nullptr)
+      for (const DriftFactor<G>& f : before_->drifts) known[static_cast<std::size_t>(f.b)] = &f;
+    problem_.drifts.reserve(problem_.nodes.size());
     for (ChainSpan& span : problem_.chains) {
       add_constants(span);
+      const bool unchanged = had_the_same_drift(span);
       const auto slam = [&](int n) -> const ChainState<G>& { return problem_.nodes[static_cast<std::size_t>(n)].slam; };
       if (span.persistent.bounded()) add_bounded(span, nullptr, span.first);
       for (int n = span.first + 1; n < span.end; ++n) {
-        DriftFactor<G> f = drift_between(slam(n - 1), slam(n), span);
+        const int m = node_before_[static_cast<std::size_t>(n)], m_from = node_before_[static_cast<std::size_t>(n - 1)];
+        const bool is_known = unchanged && m_from >= 0 && m == m_from + 1;
+        problem_.drifts.push_back(is_known ? *known[static_cast<std::size_t>(m)]
+                                           : drift_between(slam(n - 1), slam(n), span));
+        DriftFactor<G>& f = problem_.drifts.back();
         f.a = n - 1;
         f.b = n;
-        problem_.drifts.push_back(f);
+        f.constants = span.constants;
         if (span.persistent.bounded()) add_bounded(span, &slam(n - 1), n);
       }
     }
+  }
+
+  bool had_the_same_drift(const ChainSpan& span) const {
+    if (before_ == nullptr) return false;
+    const auto old = std::ranges::lower_bound(before_->chains, span.chain, {}, &ChainSpan::chain);
+    return old != before_->chains.end() && old->chain == span.chain && old->persistent == span.persistent;
   }
 
   void add_bounded(const ChainSpan& span, const ChainState<G>* before, int node) {
@@ -507,20 +599,60 @@ class ProblemBuilder {
   }
 
   void add_landmarks() {
-    for (const auto& members : selection_.landmarks) {
-      const int point = static_cast<int>(problem_.points.size());
-      typename G::Point mean = G::Point::Zero();
-      for (const LandmarkFact<G>* landmark : members) {
-        const int node = node_of(landmark->anchor_key());
-        mean += initial(node) * landmark->position;
-        problem_.landmarks.push_back(
-            {node, point, landmark->key, landmark->position, floored_point<G>(landmark->covariance)});
-        if (landmark->loading.isZero(0.0)) continue;
-        problem_.landmarks.back().loading = static_cast<int>(problem_.loadings.size());
-        problem_.loadings.push_back(landmark->loading);
-      }
-      problem_.points.push_back(mean / static_cast<double>(members.size()));
+    const std::size_t members = selection_.classes.members().size();
+    problem_.landmarks.reserve(members);
+    problem_.loadings.reserve(members);
+    problem_.points.reserve(selection_.classes.size());
+    const bool start_as_before = known_nodes_start_as_before();
+    for (std::size_t c = 0; c < selection_.classes.size(); ++c) {
+      const std::size_t first = problem_.landmarks.size();
+      if (known_class_[c] == none) add_class(c);
+      else add_known_class(known_class_[c]);
+      if (known_class_[c] != none && start_as_before)
+        problem_.points.push_back(before_->points[static_cast<std::size_t>(before_->landmarks[known_class_[c]].point)]);
+      else problem_.points.push_back(mean_of_members(first));
     }
+  }
+
+  void add_class(std::size_t c) {
+    for (std::size_t l = selection_.classes.begin_of(c); l < selection_.classes.end_of(c); ++l) {
+      const LandmarkFact<G>& landmark = *selection_.landmarks[l];
+      add_landmark(
+          {node_of(landmark.anchor_key()), 0, landmark.key, landmark.position, floored_point<G>(landmark.covariance)},
+          landmark.loading.isZero(0.0) ? nullptr : &landmark.loading);
+    }
+  }
+
+  void add_known_class(std::size_t first) {
+    for (std::size_t l = first; l < end_of_known_class(first); ++l) {
+      LandmarkFactor<G> f = before_->landmarks[l];
+      f.node = node_now_[static_cast<std::size_t>(f.node)];
+      add_landmark(f, f.loading < 0 ? nullptr : &before_->loadings[static_cast<std::size_t>(f.loading)]);
+    }
+  }
+
+  // Of the point that is next.
+  void add_landmark(LandmarkFactor<G> f, const typename G::Loading* loading) {
+    f.point = static_cast<int>(problem_.points.size());
+    f.loading = loading == nullptr ? -1 : static_cast<int>(problem_.loadings.size());
+    problem_.landmarks.push_back(f);
+    if (loading != nullptr) problem_.loadings.push_back(*loading);
+  }
+
+  typename G::Point mean_of_members(std::size_t first) const {
+    typename G::Point sum = G::Point::Zero();
+    for (std::size_t l = first; l < problem_.landmarks.size(); ++l)
+      sum += initial(problem_.landmarks[l].node) * problem_.landmarks[l].position;
+    return sum / static_cast<double>(problem_.landmarks.size() - first);
+  }
+
+  bool known_nodes_start_as_before() const {
+    for (std::size_t m = 0; m < node_now_.size(); ++m) {
+      if (node_now_[m] < 0) continue;
+      const G &then = before_->nodes[m].initial, &now = initial(node_now_[m]);
+      if (then.translation() != now.translation() || then.rotation() != now.rotation()) return false;
+    }
+    return true;
   }
 
   int node_of(const Key& anchor) const {
@@ -530,9 +662,16 @@ class ProblemBuilder {
 
   const FactStore<G>& store_;
   const Selection<G>& selection_;
+  const Problem<G>* before_;  // null: none is known
   VehicleId reference_;
   bool enu_, plain_;
   Problem<G> problem_;
+  std::vector<std::size_t> known_class_;  // of each class, the first of its factors in before_; none: it is new
+  std::vector<int> node_before_,
+      node_now_;                            // of the nodes, in before_, as far as they are anchors; the other way round
+  std::size_t next_known_ = 0;              // of the nodes of before_
+  std::vector<Link> links_;                 // in the order of the selection
+  std::vector<std::vector<int>> links_of_;  // each chain
   std::map<ChainId, std::vector<std::pair<std::uint32_t, int>>> node_of_;  // of anchors, by their index
   std::map<std::pair<FactKind, Key>, int> waypoint_node_;  // of absolute fixes, encounters and waypoints
   std::map<ChainId, int> chain_of_;
@@ -612,8 +751,9 @@ BoundedFactor bounded_between(const ChainState<G>* a, const ChainState<G>& b, co
 }
 
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options) {
-  return ProblemBuilder<G>(store, selection, options).build();
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options,
+                         const Problem<G>* before) {
+  return ProblemBuilder<G>(store, selection, options, before).build();
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                           \
@@ -621,7 +761,7 @@ Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selectio
   template std::vector<int> unknown_sizes(const Problem<G>&);                                           \
   template DriftFactor<G> drift_between(const ChainState<G>&, const ChainState<G>&, const ChainSpan&);  \
   template BoundedFactor bounded_between(const ChainState<G>*, const ChainState<G>&, const ChainSpan&); \
-  template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, const ProblemOptions&);
+  template Problem<G> build_problem(const FactStore<G>&, const Selection<G>&, const ProblemOptions&, const Problem<G>*);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -192,7 +192,11 @@ struct ProblemOptions {
 ///
 /// A group of chains that nothing else aligns is aligned by its encounters with aligned chains, three or more of them
 /// from places far enough apart.
+///
+/// `before`: what this function made of the same store when it held less, or of another selection, with the same
+/// options. What did not change is taken from there instead of the store; the result is the same, to the bit.
 template <class G>
-Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options = {});
+Problem<G> build_problem(const FactStore<G>& store, const Selection<G>& selection, const ProblemOptions& options = {},
+                         const Problem<G>* before = nullptr);
 
 }  // namespace convoy

@@ -10,6 +10,7 @@
 #include <iterator>
 #include <map>
 #include <numeric>
+#include <tuple>
 
 namespace convoy {
 namespace {
@@ -39,24 +40,30 @@ class Classes {
     return true;
   }
 
-  // Those of two or more, sorted.
-  template <class Landmark>
-  std::vector<std::vector<Landmark>> sorted(const std::vector<Landmark>& landmarks) const {
-    const auto by_key = [](const Landmark& x, const Landmark& y) { return x->key < y->key; };
-    std::vector<std::vector<Landmark>> classes;
-    for (int r = 0; r < static_cast<int>(parent_.size()); ++r) {
-      if (at(parent_, r) != r || at(size_, r) < 2) continue;
-      std::vector<Landmark>& members = classes.emplace_back();
-      members.reserve(static_cast<std::size_t>(at(size_, r)));
-      each_member(r, [&](int l) {
-        members.push_back(landmarks[static_cast<std::size_t>(l)]);
-        return true;
-      });
-      std::sort(members.begin(), members.end(), by_key);
+  // Those of two or more, with their facts. `in_order`: the numbers of all landmarks, by key.
+  template <class Fact>
+  std::pair<ClassList, std::vector<Fact>> listed(const std::vector<int>& in_order, const std::vector<Key>& keys,
+                                                 const std::vector<Fact>& facts) const {
+    std::vector<int> class_of(parent_.size(), -1);  // of roots
+    std::vector<std::size_t> end;                   // of each class; first the place of its next member
+    std::size_t members = 0;
+    for (const int l : in_order) {
+      const int r = root(l);
+      if (at(size_, r) < 2 || at(class_of, r) >= 0) continue;
+      at(class_of, r) = static_cast<int>(end.size());
+      end.push_back(members);
+      members += static_cast<std::size_t>(at(size_, r));
     }
-    std::sort(classes.begin(), classes.end(),
-              [&](const auto& x, const auto& y) { return by_key(x.front(), y.front()); });
-    return classes;
+    std::vector<Key> listed_keys(members);
+    std::vector<Fact> listed_facts(members);
+    for (const int l : in_order) {
+      const int c = at(class_of, root(l));
+      if (c < 0) continue;
+      const std::size_t place = end[static_cast<std::size_t>(c)]++;
+      listed_keys[place] = keys[static_cast<std::size_t>(l)];
+      listed_facts[place] = facts[static_cast<std::size_t>(l)];
+    }
+    return {ClassList(std::move(listed_keys), std::move(end)), std::move(listed_facts)};
   }
 
  private:
@@ -213,11 +220,24 @@ template <class G>
 int Selector<G>::number(const FactStore<G>& store, const Key& landmark) {
   const auto [it, fresh] = landmark_number_.try_emplace(landmark, static_cast<int>(landmarks_.size()));
   if (fresh) {
+    keys_.push_back(landmark);
     landmarks_.push_back(store.landmark(landmark));
     const Key batch = landmarks_.back()->anchor_key();
     batch_of_.push_back(batch_number_.try_emplace(batch, static_cast<int>(batch_number_.size())).first->second);
   }
   return it->second;
+}
+
+// What is new since the last time, merged in.
+template <class G>
+void Selector<G>::put_in_order() {
+  const auto by_key = [&](int a, int b) {
+    return keys_[static_cast<std::size_t>(a)] < keys_[static_cast<std::size_t>(b)];
+  };
+  const auto old = static_cast<std::ptrdiff_t>(in_order_.size());
+  for (std::size_t l = in_order_.size(); l < landmarks_.size(); ++l) in_order_.push_back(static_cast<int>(l));
+  std::sort(in_order_.begin() + old, in_order_.end(), by_key);
+  std::inplace_merge(in_order_.begin(), in_order_.begin() + old, in_order_.end(), by_key);
 }
 
 // One-to-one between exactly two batches; finds them and the alignment.
@@ -331,7 +351,7 @@ std::vector<int> Selector<G>::weights_of(const Group& group, const std::vector<H
       statements +=
           k == m || (members[k]->batch_a == members[m]->batch_a && members[k]->batch_b == members[m]->batch_b &&
                      group.together(group.active[k], group.active[m]));
-    weights.push_back(std::max(1, unit * static_cast<int>(members[k]->pairings.size()) / statements));
+    weights.push_back(std::max(1, unit * static_cast<int>(members[k]->pairings->size()) / statements));
   }
   return weights;
 }
@@ -393,7 +413,7 @@ template <class G>
 const typename Selector<G>::Examined& Selector<G>::examine(const FactStore<G>& store, const Hypothesis<G>& h) {
   Examined& known = examined_[h.id];
   if (known.hypothesis.state != HypothesisState::waiting) return known;
-  known = examined(store, h.pairings);
+  known = examined(store, *h.pairings);
   if (known.hypothesis.state == HypothesisState::accepted) known.member = join_group(store, h.id, known);
   return known;
 }
@@ -410,12 +430,19 @@ void Selector<G>::read_associations(const FactStore<G>& store) {
       const Hash id = hypothesis_id(fact.pairings);
       const auto [author, first] = author_of_.try_emplace(id, chain_id);
       author->second = std::min(author->second, chain_id);
-      if (first) fresh.push_back({id, fact.pairings, chain_id, HypothesisState::waiting, {}, {}, {}});
+      if (first)
+        fresh.push_back({id,
+                         std::make_shared<const std::vector<Pairing>>(fact.pairings),
+                         chain_id,
+                         HypothesisState::waiting,
+                         {},
+                         {},
+                         {}});
     }
   }
   if (fresh.empty()) return;
   const auto comes_before = [](const Hypothesis<G>& a, const Hypothesis<G>& b) {
-    return a.pairings.size() != b.pairings.size() ? a.pairings.size() > b.pairings.size() : a.id < b.id;
+    return a.pairings->size() != b.pairings->size() ? a.pairings->size() > b.pairings->size() : a.id < b.id;
   };
   std::sort(fresh.begin(), fresh.end(), comes_before);
   const auto old = static_cast<std::ptrdiff_t>(stated_.size());
@@ -467,27 +494,26 @@ Selection<G> Selector<G>::select(const FactStore<G>& store, const Exclusions& ex
   for (Hypothesis<G>& h : selection.hypotheses)
     if (h.state == HypothesisState::accepted && !classes.join(examined_.at(h.id).pairs, left_out))
       h.state = HypothesisState::class_conflict;
-  selection.landmarks = classes.sorted(landmarks_);
-  selection.classes.reserve(selection.landmarks.size());
-  ContentHash hash;
-  for (const auto& members : selection.landmarks) {
-    hash.add(static_cast<std::uint64_t>(members.size()), 4);
-    std::vector<Key>& keys = selection.classes.emplace_back();
-    keys.reserve(members.size());
-    for (const LandmarkFact<G>* l : members) {
-      keys.push_back(l->key);
-      add_key(hash, l->key);
-    }
-  }
+  put_in_order();
+  std::tie(selection.classes, selection.landmarks) = classes.listed(in_order_, keys_, landmarks_);
   selection.fixes = thinned_fixes(store, params_, excluded);
-  for (const Key& key : selection.fixes) add_key(hash, key);
   selection.encounters = answered_encounters(store, excluded);
-  for (const SelectedEncounter& e : selection.encounters) {
+  return selection;
+}
+
+template <class G>
+Hash Selection<G>::digest() const {
+  ContentHash hash;
+  for (const auto& members : classes) {
+    hash.add(static_cast<std::uint64_t>(members.size()), 4);
+    for (const Key& key : members) add_key(hash, key);
+  }
+  for (const Key& key : fixes) add_key(hash, key);
+  for (const SelectedEncounter& e : encounters) {
     add_key(hash, e.encounter);
     add_key(hash, e.waypoint);
   }
-  selection.digest = hash.value();
-  return selection;
+  return hash.value();
 }
 
 template <class G>
@@ -495,8 +521,9 @@ Selection<G> select(const FactStore<G>& store, const SelectionParams& params, co
   return Selector<G>(params).select(store, excluded);
 }
 
-#define CONVOY_INSTANTIATE(G) \
-  template class Selector<G>; \
+#define CONVOY_INSTANTIATE(G)   \
+  template struct Selection<G>; \
+  template class Selector<G>;   \
   template Selection<G> select(const FactStore<G>&, const SelectionParams&, const Exclusions&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

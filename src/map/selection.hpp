@@ -2,6 +2,7 @@
 // the set of facts (DESIGN B4): everybody who holds the same facts selects the same.
 #pragma once
 
+#include <convoy/map/class_list.hpp>
 #include <convoy/map/consensus.hpp>
 #include <convoy/map/hypothesis.hpp>
 
@@ -39,12 +40,13 @@ struct SelectedEncounter {
 template <class G>
 struct Selection {
   std::vector<Hypothesis<G>> hypotheses;  ///< all stated ones: most pairings first, then by id
-  std::vector<std::vector<Key>> classes;  ///< landmarks that are the same, two or more; sorted
-  /// The facts of `classes`, in the store that was selected from, while that lives.
-  std::vector<std::vector<const LandmarkFact<G>*>> landmarks;
+  ClassList classes;                      ///< of two or more
+  /// The facts of the members of `classes`, in the store that was selected from, while that lives.
+  std::vector<const LandmarkFact<G>*> landmarks;
   std::vector<Key> fixes;                     ///< absolute fixes that enter the map; sorted
   std::vector<SelectedEncounter> encounters;  ///< that enter the map; sorted
-  Hash digest = 0;                            ///< of the classes, fixes and encounters
+  /// Hash of the classes, fixes and encounters.
+  Hash digest() const;
 };
 
 /// What an earlier look at the map has shown not to fit.
@@ -96,6 +98,7 @@ class Selector {
   void decide(Group& group, const std::vector<int>& weights) const;
   void demand_confirmation(std::vector<Hypothesis<G>>& hypotheses) const;
   int number(const FactStore<G>& store, const Key& landmark);
+  void put_in_order();
 
   SelectionParams params_;
   double map_residual_chi2_;  // what params_.map_residual is a confidence of
@@ -103,8 +106,10 @@ class Selector {
   std::map<std::pair<ChainId, ChainId>, Group> groups_;
   // Landmarks and batches by number, in the order in which they were met: names only, no result depends on them.
   std::map<Key, int> landmark_number_, batch_number_;
+  std::vector<Key> keys_;
   std::vector<const LandmarkFact<G>*> landmarks_;
   std::vector<int> batch_of_;  // of each landmark
+  std::vector<int> in_order_;  // numbers of landmarks by key, as far as put_in_order() has come
   bool read_ = false;
   std::uint64_t revision_ = 0;
   std::vector<Hypothesis<G>> stated_;                             // at that revision of the store

@@ -83,6 +83,7 @@ struct PersistentDrift {
   Eigen::Vector3d up = Eigen::Vector3d::Zero();  ///< unit vector, slam frame; zero if none is bounded
   bool bounded() const { return tilt_rad > 0.0 || height_m > 0.0; }
   bool constant() const { return scale > 0.0 || heading_rad_per_m > 0.0; }
+  bool operator==(const PersistentDrift&) const = default;
 };
 
 /// The anchor / bias node: index 0 is the epoch's start (identity, s = 0, C = 0).

@@ -38,7 +38,7 @@ Outcome agreed(const ScriptedFleet& fleet) {
   std::optional<Outcome> first;
   for (const auto& member : fleet.members) {
     if (!member) continue;
-    const Outcome own{member->facts(), member->map_digest(), member->manager.map().selection.digest};
+    const Outcome own{member->facts(), member->map_digest(), member->manager.map().selection.digest()};
     if (!first) first = own;
     EXPECT_EQ(own.facts, first->facts);
     EXPECT_EQ(own.map, first->map);

@@ -278,7 +278,7 @@ TEST(MapOrders, AreExactWhenNothingNewComes) {
   const auto reference = build_global_map(manager.store(), options.submaps.selection, SparseMap<SE2>());
   EXPECT_EQ(manager.digests().map, reference.map->digest());
   EXPECT_EQ(manager.digests().facts, manager.store().digest());
-  EXPECT_EQ(manager.digests().selection, reference.selection.digest);
+  EXPECT_EQ(manager.digests().selection, reference.selection.digest());
   EXPECT_FALSE(reference.selection.classes.empty());
   EXPECT_FALSE(manager.order_map(now_s + 100.0));  // nothing is left to do
 }

@@ -35,7 +35,7 @@ struct Outcome {
 Outcome agreed(const Fleet& fleet) {
   std::optional<Outcome> first;
   for (const auto& member : fleet.members) {
-    const Outcome own{member->facts(), member->map_digest(), member->manager.map().selection.digest};
+    const Outcome own{member->facts(), member->map_digest(), member->manager.map().selection.digest()};
     if (!first) first = own;
     EXPECT_EQ(own, *first);
     EXPECT_EQ(member->manager.counters().disagreements, 0U);

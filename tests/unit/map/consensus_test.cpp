@@ -375,7 +375,7 @@ TEST(Consensus, IsTheSameInEveryOrderOfArrival) {
       if (std::holds_alternative<AssociationFact>(fact)) selector.select(growing);
     }
     const auto again = selector.select(growing);
-    EXPECT_EQ(again.digest, reference.digest);
+    EXPECT_EQ(again.digest(), reference.digest());
     ASSERT_EQ(again.hypotheses.size(), reference.hypotheses.size());
     for (std::size_t k = 0; k < again.hypotheses.size(); ++k)
       EXPECT_EQ(again.hypotheses[k].state, reference.hypotheses[k].state);

@@ -32,7 +32,7 @@ void expect_bit_equal(const GlobalMap<SE2>& a, const GlobalMap<SE2>& b) {
     EXPECT_TRUE(bit_equal(pose, pb.at(key))) << key.chain.vehicle << "/" << key.index;
   }
   EXPECT_EQ(a.map->digest(), b.map->digest());
-  EXPECT_EQ(a.selection.digest, b.selection.digest);
+  EXPECT_EQ(a.selection.digest(), b.selection.digest());
 }
 
 HypothesisState state_of(const GlobalMap<SE2>& global, Hash id) {
@@ -211,7 +211,7 @@ TEST(BuildGlobalMap, WorksWithTheFilterOfThePaperToo) {
   const auto fleet = test::street_fleet(3, {.bias = test::fair_start});
   const auto sparse = built(fleet.store());
   const auto ekf = build_global_map(fleet.store(), SelectionParams{}, EkfMap<SE2>());
-  EXPECT_EQ(ekf.selection.digest, sparse.selection.digest);
+  EXPECT_EQ(ekf.selection.digest(), sparse.selection.digest());
   for (const VehicleId v : {1U, 2U, 3U}) {
     const Key key = test::key_of(v, 5);
     const auto e = ekf.map->pose(key.chain, fleet.anchor(key).state),

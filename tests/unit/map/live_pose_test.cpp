@@ -192,7 +192,8 @@ TEST(LivePose, TellsTheSameMeasurementsOnce) {
     const auto step = increment(ChainState<SE2>{}, last);
     problem.drifts = {{1, 2, step.motion, step.covariance}};
     GlobalMap<SE2> global;
-    std::vector<std::vector<Key>> classes;
+    std::vector<Key> members;  // one of each class
+    std::vector<std::size_t> ends;
     RelativeLandmarks<SE2> known;
     known.covariance = Eigen::MatrixXd::Zero(16, 16);
     for (int i = 0; i < 8; ++i) {
@@ -203,7 +204,8 @@ TEST(LivePose, TellsTheSameMeasurementsOnce) {
       problem.points.push_back(place);
       problem.landmarks.push_back({0, i, {peer, index}, place + random.draw<2>(S_peer), S_peer});
       problem.landmarks.push_back({1, i, {own, index}, seen, S});
-      classes.push_back({{own, index}});
+      members.push_back({own, index});
+      ends.push_back(members.size());
       known.tracks.push_back(index);
       known.positions.push_back(said.inverse() * seen);
       const Eigen::Matrix<double, 2, 3> A = SE2().act_jacobian(known.positions.back());
@@ -214,7 +216,7 @@ TEST(LivePose, TellsTheSameMeasurementsOnce) {
       }
       known.covariance.block<2, 2>(2 * i, 2 * i) += S;
     }
-    global.class_of = ClassIndex(classes);
+    global.class_of = ClassIndex({members, ends});
     global.map = SparseMap<SE2>().solve(problem);
     LivePose<SE2> live;
     live.chain = own;
@@ -262,7 +264,8 @@ TEST(LivePose, LandmarksInARowFixNoPoseInSpace) {
     problem.priors = {{0, SE3(), SE3::Covariance(each<SE3>(1e-6, 1e-8).asDiagonal())},
                       {1, SE3(), SE3::Covariance(each<SE3>(1.0, 2.5e-5).asDiagonal())}};
     GlobalMap<SE3> global;
-    std::vector<std::vector<Key>> classes;
+    std::vector<Key> members;  // one of each class
+    std::vector<std::size_t> ends;
     LivePose<SE3> live;
     live.chain = own;
     for (int i = 0; i < 8; ++i) {
@@ -271,10 +274,11 @@ TEST(LivePose, LandmarksInARowFixNoPoseInSpace) {
       problem.points.push_back(place);
       problem.landmarks.push_back({0, i, {peer, index}, place, 1e-6 * SE3::PointCovariance::Identity()});
       problem.landmarks.push_back({1, i, {own, index}, place, 9.0 * SE3::PointCovariance::Identity()});
-      classes.push_back({{own, index}});
+      members.push_back({own, index});
+      ends.push_back(members.size());
       live.remembered.push_back({index, place, 4e-4 * SE3::PointCovariance::Identity()});
     }
-    global.class_of = ClassIndex(classes);
+    global.class_of = ClassIndex({members, ends});
     global.map = SparseMap<SE3>().solve(problem);
     const auto here = live_pose(global, live), by_map = global.map->pose(own, live.state);
     const double ratio = here->covariance.determinant() / by_map->covariance.determinant();
