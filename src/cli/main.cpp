@@ -122,6 +122,8 @@ int main(int argc, char** argv) {
   consistency_command->add_option(
       "--data", consistency.data,
       "folder of kitti_trajectories and pose_graphs, for real drift (default: CONVOY_DATA_DIR)");
+  consistency_command->add_option("--only", consistency.only,
+                                  "only scenarios whose name holds this, like '2-D EKF-SLAM'");
   consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")
       ->required();
   consistency_command->callback([&] { status = cli::consistency::run_consistency(consistency); });
