@@ -132,9 +132,10 @@ std::string misses(const ConsistencyResult& result) {
 
 std::string consistency_page(const ConsistencyResult& result) {
   std::string html = page_begin("convoy: consistency") + "<h1>Consistency</h1>\n<p class=\"lead\">";
-  html += result.pass() ? "The estimator passes, and every negative control fails. "
-                        : "<span class=\"miss\">The suite does not pass.</span> ";
-  if (!result.enough_runs())
+  html += !result.judged() ? "Nothing of the verdict was measured. "
+          : result.pass()  ? "The estimator passes, and every negative control fails. "
+                           : "<span class=\"miss\">The suite does not pass.</span> ";
+  if (result.judged() && !result.enough_runs())
     html += "<span class=\"miss\">" + xml_escaped(few_runs_words(result.options.runs)) + "</span> ";
   if (!result.options.only.empty())
     html += "Only scenarios whose name holds '" + xml_escaped(result.options.only) + "' were measured. ";

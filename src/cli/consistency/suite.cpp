@@ -8,11 +8,9 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
 #include <functional>
 #include <memory>
 #include <numeric>
-#include <system_error>
 #include <thread>
 
 #include "consistency/ekf_slam.hpp"
@@ -574,7 +572,7 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
 namespace {
 
 const char* verdict_words(const ConsistencyResult& result) {
-  if (result.demands.empty() && result.controls.empty()) return "measured; nothing of it is judged";
+  if (!result.judged()) return "measured; nothing of it is judged";
   if (!result.pass()) return "does NOT pass: see the misses above";
   return result.options.only.empty() ? "consistent: the model passes and every control fails"
                                      : "consistent as far as --only goes: the model passes and every control fails";
@@ -583,10 +581,7 @@ const char* verdict_words(const ConsistencyResult& result) {
 }  // namespace
 
 int run_consistency(const ConsistencyOptions& options) {
-  std::error_code failed;  // told before minutes of measuring, and not after
-  std::filesystem::create_directories(options.out, failed);
-  if (!std::filesystem::is_directory(options.out, failed))
-    throw ConfigError(options.out.string() + ": cannot be a folder; choose another one with --out");
+  expect_writable(options.out);
   const ConsistencyResult result = measure_consistency(options);
   write_text_file(options.out / "consistency.json", to_json(result).dump(2) + "\n");
   write_text_file(options.out / "consistency.html", consistency_page(result));
@@ -598,7 +593,7 @@ int run_consistency(const ConsistencyOptions& options) {
   for (const Control& c : result.controls)
     std::printf("%s  control %s, must be %s: %s\n", c.failed ? "fails, as it must" : "DOES NOT FAIL AS IT MUST",
                 c.what.c_str(), to_string(c.side), c.measured.c_str());
-  if (!result.enough_runs()) std::printf("%s\n", few_runs_words(result.options.runs).c_str());
+  if (result.judged() && !result.enough_runs()) std::printf("%s\n", few_runs_words(result.options.runs).c_str());
   std::printf("%s; %s\n", verdict_words(result), (options.out / "consistency.html").c_str());
   return result.pass() ? 0 : 1;
 }

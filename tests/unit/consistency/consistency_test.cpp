@@ -321,6 +321,8 @@ TEST(ConsistencyParts, AControlFailsOnItsOwnSideAlone) {
 
 TEST(ConsistencyParts, FewRunsAreSaidToDecideNothing) {
   ConsistencyResult result;
+  EXPECT_NE(consistency_page(result).find("Nothing of the verdict was measured"), std::string::npos);
+  result.demands.push_back({"d", "a", "m", true, true, ""});
   result.options.runs = enough_runs;
   EXPECT_TRUE(to_json(result)["enough_runs"].get<bool>());
   EXPECT_EQ(consistency_page(result).find("decide nothing"), std::string::npos);
