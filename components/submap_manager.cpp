@@ -26,7 +26,6 @@ void validate(const ChainId& self, const SubmapManagerParams& p) {
   if (!(p.map_period_s > 0.0 && p.stale_peer_s > 0.0)) throw ConfigError("submap manager: periods must be > 0");
   if (!(p.exact_share >= 0.0)) throw ConfigError("submap manager: exact_share must be >= 0");
   if (!(p.encounter_period_s >= 0.0)) throw ConfigError("submap manager: encounter_period_s must be >= 0");
-  if (!(p.repair.digest_period_s > 0.0)) throw ConfigError("submap manager: the digest period must be > 0");
   const auto& roster = p.limits.roster;
   if (!roster.empty() && std::find(roster.begin(), roster.end(), self.vehicle) == roster.end())
     throw ConfigError("submap manager: vehicle " + std::to_string(self.vehicle) + " is not on its own roster");

@@ -16,6 +16,8 @@ Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, Open
   if (!params.fresh_epoch) throw ConfigError("vehicle: fresh_epoch must be callable; epoch_from_clock is the default");
   validate(params.drift);
   validate(params.association);
+  validate(params.submaps.selection);
+  validate(params.submaps.repair);
 }
 
 template <class G>

@@ -1,5 +1,6 @@
 #include <convoy/components/vehicle_config.hpp>
 #include <convoy/config_error.hpp>
+#include <convoy/dds/xml_fault.hpp>
 
 #include <tinyxml2.h>
 
@@ -255,11 +256,10 @@ void parse(const std::string& where, const char* text, std::vector<Item>& list) 
   for (std::string word; words >> word;) parse(where, word.c_str(), list.emplace_back());
 }
 
+// The shortest text that reads back as the same number, whatever the locale.
 std::string text_of(double value) {
-  std::ostringstream out;
-  out.precision(17);
-  out << value;
-  return out.str();
+  char text[32];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 template <class Integer>
 requires std::is_integral_v<Integer> std::string text_of(Integer value) { return std::to_string(value); }
@@ -331,12 +331,14 @@ std::filesystem::path beside(const std::filesystem::path& file, const std::files
   return path.is_absolute() ? path : std::filesystem::absolute(file).parent_path() / path;
 }
 
-template <class Check>
-void checked(const std::filesystem::path& file, int line, Check check) {
+template <class Params>
+void check(const std::filesystem::path& file, const Lines& lines, const std::string& element, const Params& params) {
   try {
-    check();
+    validate(params);
+  } catch (const RangeError& error) {
+    refuse(at(file, lines.of(element, error.name())), "<" + element + " " + error.name() + ">" + error.fault());
   } catch (const ConfigError& error) {
-    refuse(at(file, line), error.what());
+    refuse(at(file, lines.of(element)), error.what());
   }
 }
 
@@ -376,9 +378,6 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   const auto above_zero = [&](double value, const char* element, const char* name) {
     demand(value > 0.0, element, name, "be > 0");
   };
-  const auto confidence = [&](double value, const char* element, const char* name) {
-    demand(value > 0.0 && value < 1.0, element, name, "lie in (0, 1)");
-  };
   const VehicleParams<G>& v = c.vehicle;
   if (v.id == 0) refuse(at(file, lines.of("vehicle", "id")), "<vehicle id=\"N\"/> with N >= 1 is needed");
   above_zero(v.live_period_s, "vehicle", "live_period_s");
@@ -410,32 +409,11 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   above_zero(v.submaps.map_period_s, "map", "period_s");
   demand(v.submaps.exact_share >= 0.0, "map", "exact_share", "be >= 0; 0 builds the exact map when nothing new comes");
   above_zero(v.submaps.stale_peer_s, "map", "stale_peer_s");
-  demand(v.submaps.selection.min_pairings >= 3, "map", "min_pairings", "be 3 or more; two pairs align with anything");
-  confidence(v.submaps.selection.residual, "map", "residual");
-  confidence(v.submaps.selection.map_residual, "map", "map_residual");
-  demand(v.submaps.selection.max_runner_up_share > 0.0 && v.submaps.selection.max_runner_up_share <= 1.0, "map",
-         "max_runner_up_share", "lie in (0, 1]");
-  demand(v.submaps.selection.min_confirmed >= 1, "map", "min_confirmed",
-         "be 1 or more; 1 trusts the first association");
-  demand(v.submaps.selection.slack.scale >= 0.0, "map", "scale_slack", "be >= 0");
-  demand(v.submaps.selection.slack.heading_rad_per_m >= 0.0, "map", "heading_slack_rad_per_m", "be >= 0");
-  confidence(v.submaps.selection.fix_residual, "map", "fix_residual");
-  demand(v.submaps.selection.fix_correlation_s >= 0.0, "map", "fix_correlation_s", "be >= 0");
   demand(!v.submaps.selection.common_frame_is_enu || v.submaps.backend == MapBackend::sparse, "map",
          "common_frame_is_enu", "be false beside backend=\"ekf\", which takes no absolute fixes");
   const VehicleId reference = v.submaps.selection.reference;
   demand(reference == 0 || roster.empty() || members.count(reference) != 0, "map", "reference_vehicle",
          "be on the roster, or 0");
-
-  const RepairParams& r = v.submaps.repair;
-  above_zero(r.digest_period_s, "repair", "digest_period_s");
-  demand(r.grace_s >= 0.0, "repair", "grace_s", "be >= 0");
-  above_zero(r.backoff_min_s, "repair", "backoff_min_s");
-  demand(r.backoff_max_s >= r.backoff_min_s, "repair", "backoff_max_s", "be at least backoff_min_s");
-  demand(r.relay_delay_s >= 0.0, "repair", "relay_delay_s", "be >= 0");
-  demand(r.max_ranges >= 1 && r.max_ranges <= 64, "repair", "max_ranges", "lie in 1..64");
-  above_zero(r.answers_per_s, "repair", "answers_per_s");
-  demand(r.batch_limit >= 1 && r.batch_limit <= 64, "repair", "batch_limit", "lie in 1..64");
 }
 
 template <class G>
@@ -470,8 +448,7 @@ void load_document(const std::filesystem::path& file, tinyxml2::XMLDocument& doc
   if (result == tinyxml2::XML_ERROR_FILE_NOT_FOUND || result == tinyxml2::XML_ERROR_FILE_COULD_NOT_BE_OPENED ||
       result == tinyxml2::XML_ERROR_FILE_READ_ERROR)
     refuse(file.string(), "cannot be read; check its permissions");
-  if (result != tinyxml2::XML_SUCCESS)
-    refuse(at(file, document.ErrorLineNum()), std::string("not well-formed XML: ") + document.ErrorName());
+  if (result != tinyxml2::XML_SUCCESS) refuse(at(file, document.ErrorLineNum()), dds::xml_fault(document));
 }
 
 }  // namespace
@@ -532,10 +509,12 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
   }
   check_ranges(file, config, lines);
   check_static_bias(file, config, lines);
-  checked(file, lines.of("drift"), [&] { validate(config.vehicle.drift); });
-  checked(file, lines.of("front_end"), [&] { validate(config.front_end); });
-  checked(file, lines.of("association"), [&] { validate(config.vehicle.association); });
-  checked(file, lines.of("impairment"), [&] { validate(config.impairment); });
+  check(file, lines, "drift", config.vehicle.drift);
+  check(file, lines, "front_end", config.front_end);
+  check(file, lines, "association", config.vehicle.association);
+  check(file, lines, "map", config.vehicle.submaps.selection);
+  check(file, lines, "repair", config.vehicle.submaps.repair);
+  check(file, lines, "impairment", config.impairment);
   if (config.first_epoch != 0) config.vehicle.fresh_epoch = [epoch = config.first_epoch] { return epoch; };
 
   config.dds.origin = at(file, lines.of("dds", "interfaces"));

@@ -10,6 +10,7 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 
 #include "evaluate/run_folder.hpp"
@@ -297,8 +298,11 @@ class Calibrator {
     if (options.runs.empty()) throw ConfigError("calibrate: name at least one run folder");
     if (!(options.span_m >= shortest_span_m))
       throw ConfigError("calibrate: --span must be 10 m or more; shorter spans see single increments");
+    std::set<fs::path> read;
     for (const fs::path& folder : options.runs)
-      runs_.push_back(read_run_for_calibration(folder, options, result_.left_out));
+      if (read.insert(fs::weakly_canonical(folder)).second)
+        runs_.push_back(read_run_for_calibration(folder, options, result_.left_out));
+      else result_.left_out.push_back(folder.string() + ": named twice, and counted once");
   }
 
   CalibrationResult run() {
@@ -476,6 +480,7 @@ std::string calibration_text(const CalibrationResult& r) {
 }
 
 int run_calibrate(const CalibrateOptions& options) {
+  if (!options.out.empty()) expect_writable(options.out.parent_path());
   const CalibrationResult result = calibrate(options);
   std::printf("%s%s", calibration_text(result).c_str(), drift_fragment(result).c_str());
   if (!options.out.empty()) write_text_file(options.out, drift_fragment(result));

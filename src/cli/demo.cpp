@@ -132,14 +132,14 @@ class Demo {
   }
 
   int run() {
-    std::printf("[1/4] scenario: ");
+    std::printf("[1/4] scenario\n");
     std::fflush(stdout);
     scenario_ = make_scenario<G>(options_);
     choose_domain();  // before anything is written
     claim_folder();
     scenario_.write(options_.out);
     write_text_file(options_.out / "profile.xml", read_text_file(profile_file()));
-    std::printf("%s, %zu vehicles, %.0f s at %gx\n", scenario_.name.c_str(), scenario_.vehicles.size(),
+    std::printf("      %s, %zu vehicles, %.0f s at %gx\n", scenario_.name.c_str(), scenario_.vehicles.size(),
                 scenario_.duration_s, options_.rate);
     write_configs();
     std::printf("[2/4] driving: one process per vehicle, DDS domain %u on 127.0.0.1, run folder %s\n", domain_,

@@ -17,8 +17,34 @@
 #include "solve.hpp"
 #include "vehicle_process.hpp"
 
+namespace {
+
+using namespace convoy;
+
+/// For numbers without sign: CLI11 takes "-1" for the largest of them.
+const CLI::Validator whole_number(
+    [](std::string& text) {
+      const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
+      return digits ? std::string() : "'" + text + "' is no whole number from 0 on";
+    },
+    "");
+
+/// What is wrong with the first word, which names the command; empty: nothing.
+std::string command_fault(const CLI::App& app, int argc, char** argv) {
+  const std::string word = argc > 1 ? argv[1] : "";
+  if (word.rfind('-', 0) == 0) return {};
+  std::string commands;
+  for (const CLI::App* command : app.get_subcommands({})) {
+    if (command->get_name() == word) return {};
+    commands += (commands.empty() ? "" : ", ") + command->get_name();
+  }
+  return (word.empty() ? "no command given" : "no command '" + word + "'") + "; there are: " + commands +
+         " (convoy COMMAND --help)";
+}
+
+}  // namespace
+
 int main(int argc, char** argv) {
-  using namespace convoy;
   spdlog::set_default_logger(spdlog::stderr_logger_mt("convoy"));
   CLI::App app{"convoy: one consistent map for several vehicles, without a server, over Fast DDS"};
   app.require_subcommand(1);
@@ -32,7 +58,7 @@ int main(int argc, char** argv) {
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
   demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam")->expected(2);
   demo_command->add_flag("--space", demo.space, "a street that climbs and falls, in three dimensions");
-  demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)");
+  demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)")->check(whole_number);
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
       ->check(CLI::Range(0.01, 1000.0));
   demo_command->add_option("--impair", demo.impair,
@@ -41,12 +67,16 @@ int main(int argc, char** argv) {
   demo_command->add_flag("--encounters", demo.encounters,
                          "use what the vehicles see of each other (mrclam), beside landmarks");
   demo_command->add_flag("--restart-lost", demo.restart_lost, "start a vehicle whose process died again, once");
-  demo_command->add_option("--settle-timeout", demo.settle_timeout_s,
-                           "seconds to agree after the sensors end (default: 60)");
+  demo_command
+      ->add_option("--settle-timeout", demo.settle_timeout_s,
+                   "seconds to agree after the sensors end, 0 to 86400 (default: 60)")
+      ->check(CLI::Range(0.0, 86400.0));
   demo_command->add_option("--domain", demo.domain, "DDS domain 0..232 (default: a free one)")
       ->check(CLI::Range(0, 232));
-  demo_command->add_option("--first-epoch", demo.first_epoch,
-                           "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock");
+  demo_command
+      ->add_option("--first-epoch", demo.first_epoch,
+                   "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock")
+      ->check(whole_number);
   demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")
       ->check(CLI::ExistingFile);
   demo_command->callback([&] {
@@ -67,7 +97,9 @@ int main(int argc, char** argv) {
       ->add_option("--status-period", vehicle.status_period_s, "seconds between status lines (default: 0.25)")
       ->check(CLI::PositiveNumber);
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
-  vehicle_command->add_option("--out", vehicle.out, "folder for what it writes (default: the configuration's)");
+  vehicle_command->add_option("--out", vehicle.out,
+                              "folder for what it writes (default: the configuration's); the state folder, which holds "
+                              "the last epoch, stays where it is");
   vehicle_command->callback([&] {
     status = with_group(fleet_dimension(config),
                         [&]<class G>(G) { return cli::run_vehicle(load_vehicle_config<G>(config), vehicle); });
@@ -118,18 +150,24 @@ int main(int argc, char** argv) {
       app.add_subcommand("consistency", "Measure by Monte Carlo whether the estimator is consistent");
   consistency_command->add_option("--runs", consistency.runs, "runs of each scenario (default: 200)")
       ->check(CLI::Range(2, 100000));
-  consistency_command->add_option("--seed", consistency.seed, "seed of all draws (default: 1)");
+  consistency_command->add_option("--seed", consistency.seed, "seed of all draws (default: 1)")->check(whole_number);
   consistency_command->add_option(
       "--data", consistency.data,
       "folder of kitti_trajectories and pose_graphs, for real drift (default: CONVOY_DATA_DIR)");
+  consistency_command->add_option("--only", consistency.only,
+                                  "only scenarios whose name holds this, like '2-D EKF-SLAM'");
   consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")
       ->required();
   consistency_command->callback([&] { status = cli::consistency::run_consistency(consistency); });
 
+  if (const std::string fault = command_fault(app, argc, argv); !fault.empty()) {
+    spdlog::error("{}", fault);
+    return 2;
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return app.exit(error);
+    return app.exit(error) == 0 ? 0 : 2;  // 0: --help, --version
   } catch (const ConfigError& error) {
     spdlog::error("{}", error.what());
     return 2;

@@ -166,6 +166,7 @@ SolveSummary solve_in(const G2oFile& file, const SolveOptions& options, const Po
 SolveSummary solve_graph(const SolveOptions& options) {
   PoseGraphParams params;
   params.residual = residual_named(options.residual);
+  expect_writable(options.out);
   const G2oFile file = read_g2o(options.graph);
   return file.dim == 2 ? solve_in<SE2>(file, options, params) : solve_in<SE3>(file, options, params);
 }

@@ -1,4 +1,5 @@
 #include <convoy/dds/profile_file.hpp>
+#include <convoy/dds/xml_fault.hpp>
 #include <convoy/submap/content_hash.hpp>
 
 #include <tinyxml2.h>
@@ -62,7 +63,7 @@ ProfileFile::ProfileFile(const std::string& path) : path_(path) {
   prefix_ = prefix_of(text);
   tinyxml2::XMLDocument document;
   if (document.Parse(text.data(), text.size()) != tinyxml2::XML_SUCCESS)
-    fail(path, document.ErrorLineNum(), std::string("not well-formed XML: ") + document.ErrorStr());
+    fail(path, document.ErrorLineNum(), xml_fault(document));
   rename(*document.RootElement(), prefix_, path, line_of_);
 
   auto* factory = edds::DomainParticipantFactory::get_instance();

@@ -45,12 +45,14 @@ Impairment Impairment::parse(std::string_view text) {
     const bool number = rest != digits && *rest == '\0';
     const bool seed = number && value >= 0.0 && value == std::floor(value) && value < 0x1p53;
     std::string fault;
-    if (name == "loss" && number) result.loss = value;
+    if (equals != std::string::npos && !number) fault = std::string("impairment: '") + digits + "' is no number";
+    else if (name == "loss" && number) result.loss = value;
     else if (name == "duplicate" && number) result.duplicate = value;
     else if (name == "delay" && number) result.delay_s = value;
     else if (name == "jitter" && number) result.jitter_s = value;
     else if (name == "seed" && seed) result.seed = static_cast<std::uint64_t>(value);
-    else fault = "impairment: no such entry";
+    else if (name == "seed" && number) fault = "impairment: the seed is a whole number from 0 on";
+    else fault = equals == std::string::npos ? "impairment: no '='" : "impairment: no such entry";
     try {
       if (fault.empty()) validate(result);
     } catch (const ConfigError& error) {

@@ -1,3 +1,4 @@
+#include <convoy/config_error.hpp>
 #include <convoy/exchange/repair.hpp>
 #include <convoy/geometry/groups.hpp>
 
@@ -15,9 +16,25 @@ void for_each_held(const Sequence& held, const std::vector<IndexRange>& ranges, 
 
 }  // namespace
 
+void validate(const RepairParams& p) {
+  const auto demand = [](bool holds, const char* name, double value, const char* range) {
+    if (!holds) throw RangeError("repair", name, value, range);
+  };
+  demand(p.digest_period_s > 0.0, "digest_period_s", p.digest_period_s, "be > 0");
+  demand(p.grace_s >= 0.0, "grace_s", p.grace_s, "be >= 0");
+  demand(p.backoff_min_s > 0.0, "backoff_min_s", p.backoff_min_s, "be > 0");
+  demand(p.backoff_max_s >= p.backoff_min_s, "backoff_max_s", p.backoff_max_s, "be at least backoff_min_s");
+  demand(p.relay_delay_s >= 0.0, "relay_delay_s", p.relay_delay_s, "be >= 0");
+  demand(p.max_ranges >= 1 && p.max_ranges <= 64, "max_ranges", p.max_ranges, "lie in 1..64");
+  demand(p.answers_per_s > 0.0, "answers_per_s", p.answers_per_s, "be > 0");
+  demand(p.batch_limit >= 1 && p.batch_limit <= 64, "batch_limit", p.batch_limit, "lie in 1..64");
+}
+
 template <class G>
 RepairProtocol<G>::RepairProtocol(const ChainId& self, const RepairParams& params, std::uint64_t seed)
-    : self_(self), params_(params), random_(seed) {}
+    : self_(self), params_(params), random_(seed) {
+  validate(params);
+}
 
 template <class G>
 double RepairProtocol<G>::uniform() {

@@ -13,8 +13,8 @@
 namespace convoy {
 
 struct RepairParams {
-  double digest_period_s = 1.0;  ///< between two digests, > 0
-  double grace_s = 0.5;          ///< a gap younger than this may just be late, >= 0
+  double digest_period_s = 1.0;  ///< between two digests
+  double grace_s = 0.5;          ///< a gap younger than this may just be late
   double backoff_min_s = 0.5;    ///< between two requests for the same sequence; doubles up to the maximum
   double backoff_max_s = 8.0;
   double relay_delay_s = 0.6;      ///< up to this long a relayer waits for the author or another to answer
@@ -22,6 +22,9 @@ struct RepairParams {
   double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
   std::uint32_t batch_limit = 16;  ///< landmarks per answering message
 };
+
+/// Throws RangeError.
+void validate(const RepairParams& params);
 
 struct RepairCounters {
   std::uint64_t requests_sent = 0;

@@ -214,7 +214,9 @@ const char* to_string(HypothesisState state) {
 
 template <class G>
 Selector<G>::Selector(const SelectionParams& params)
-    : params_(params), map_residual_chi2_(chi2_quantile(params.map_residual, G::Dof)) {}
+    : params_(params), map_residual_chi2_(chi2_quantile(params.map_residual, G::Dof)) {
+  validate(params);
+}
 
 template <class G>
 int Selector<G>::number(const FactStore<G>& store, const Key& landmark) {

@@ -31,6 +31,9 @@ struct SelectionParams {
   VehicleId reference = 0;  ///< whose start is the common frame if no static bias is known; 0: see build_problem()
 };
 
+/// Throws RangeError.
+void validate(const SelectionParams& params);
+
 /// An encounter and the waypoint of the other vehicle that answers it.
 struct SelectedEncounter {
   Key encounter, waypoint;

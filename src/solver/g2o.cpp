@@ -17,6 +17,8 @@ class Parser {
   Parser(std::string_view text, const std::string& name) : text_(text), name_(name) {}
 
   G2oFile parse() {
+    if (text_.find('\0') != std::string_view::npos)
+      throw ConfigError(name_ + ": a binary file; give a g2o file, which is text");
     while (next_line()) {
       if (fields_.empty() || fields_[0].front() == '#') continue;
       const std::string_view tag = fields_[0];
@@ -41,7 +43,14 @@ class Parser {
     std::size_t line;
   };
 
-  static std::string quoted(std::string_view text) { return "'" + std::string(text) + "'"; }
+  // What is printed of a damaged file is short and of plain characters.
+  static std::string quoted(std::string_view text) {
+    constexpr std::size_t longest = 40;
+    std::string plain(text.substr(0, longest));
+    for (char& c : plain)
+      if (c < ' ' || c > '~') c = '?';
+    return "'" + plain + (text.size() > longest ? "..." : "") + "'";
+  }
 
   [[noreturn]] void refuse_at(std::size_t line, const std::string& what) const {
     throw ConfigError(name_ + ":" + std::to_string(line) + ": " + what);

@@ -1,5 +1,5 @@
 // The factorisation against Eigen's scalar LDLT with AMD, on a street fleet of 100 vehicles with 1000 nodes each and,
-// if they are on this machine ($CONVOY_DATA_DIR, or ../shared/data beside the source tree), on public pose graphs.
+// if they are on this machine, on public pose graphs.
 #include <sys/resource.h>
 #include <Eigen/Cholesky>
 #include <convoy/solver/block_cholesky.hpp>

@@ -1,4 +1,4 @@
-// Public pose graphs, where they are on this machine ($CONVOY_DATA_DIR, or ../shared/data beside the source tree).
+// Public pose graphs, where they are on this machine.
 #pragma once
 
 #include <convoy/geometry/se2.hpp>
@@ -7,10 +7,11 @@
 
 #include <benchmark/benchmark.h>
 
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <string>
+
+#include "../support/data_folder.hpp"
 
 namespace convoy::bench {
 
@@ -24,10 +25,7 @@ inline std::string graph_name(const benchmark::State& state) {
 /// The graph of the bench, placed by its odometry; or nothing, and the bench skipped.
 inline std::unique_ptr<PoseGraph<SE2>> public_graph(benchmark::State& state) {
   const std::string name = graph_name(state);
-  const char* variable = std::getenv("CONVOY_DATA_DIR");
-  const std::filesystem::path root = variable ? std::filesystem::path(variable)
-                                              : std::filesystem::path(__FILE__).parent_path() / "../../../shared/data";
-  const std::filesystem::path path = root / "pose_graphs/single" / name;
+  const std::filesystem::path path = test::data_folder() / "pose_graphs/single" / name;
   if (!std::filesystem::exists(path)) {
     state.SetLabel("skipped: no pose_graphs/single/" + name + "; set CONVOY_DATA_DIR");
     for (auto _ : state) {

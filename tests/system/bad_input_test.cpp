@@ -221,8 +221,33 @@ TEST(BadInput, AMissingDataSetIsNamed) {
   expect_refusal("demo --dataset kitti /nowhere --out " + (scratch / "run").string(), "no data set 'kitti'");
 }
 
+// What the command line itself refuses ends with 2, too.
+TEST(BadInput, OptionsOutOfRangeAreNamed) {
+  const ScratchFolder scratch;
+  const auto refused = [&](const std::string& arguments, const std::string& words) {
+    const Outcome outcome = run_convoy(arguments + " --out " + (scratch / "run").string());
+    EXPECT_EQ(outcome.status, 2) << outcome.output;
+    EXPECT_NE(outcome.output.find(words), std::string::npos) << outcome.output;
+    EXPECT_FALSE(fs::exists(scratch / "run"));
+  };
+  refused("demo --settle-timeout -5", "--settle-timeout: Value -5 not in range");
+  refused("demo --seed -1", "--seed: '-1' is no whole number from 0 on");
+  refused("demo --first-epoch -1", "--first-epoch: '-1' is no whole number from 0 on");
+  refused("consistency --seed 1.5", "--seed: '1.5' is no whole number from 0 on");
+  refused("consistency --only 4-D", "in the name of no scenario");
+  refused("demo --domian 3", "--domian");
+}
+
+TEST(BadInput, AnUnknownCommandIsNamedBesideThoseThereAre) {
+  expect_refusal("frobnicate", "no command 'frobnicate'; there are: demo, vehicle, evaluate,");
+  expect_refusal("", "no command given; there are: demo,");
+  EXPECT_EQ(run_convoy("--help").status, 0);
+  EXPECT_EQ(run_convoy("--version").status, 0);
+}
+
 TEST(BadInput, AnImpairmentThatMakesNoSenseIsRefused) {
   const ScratchFolder scratch;
+  expect_refusal("demo --impair loss=abc --out " + (scratch / "run").string(), "('abc' is no number)");
   expect_refusal("demo --impair loss=2 --out " + (scratch / "run").string(), "cannot use 'loss=2'");
 }
 

@@ -12,6 +12,8 @@
 #include <stdexcept>
 #include <thread>
 
+#include "../support/data_folder.hpp"
+
 namespace convoy::testing {
 
 namespace fs = std::filesystem;
@@ -93,11 +95,9 @@ nlohmann::json read_json(const fs::path& file) {
   return nlohmann::json::parse(in);
 }
 
-std::optional<fs::path> data_folder() {
-  const char* named = std::getenv("CONVOY_DATA_DIR");
-  const fs::path folder = named != nullptr ? fs::path(named) : fs::path(CONVOY_SOURCE_FOLDER) / "../shared/data";
-  if (fs::exists(folder / "utias_mrclam")) return folder;
-  return std::nullopt;
+std::optional<fs::path> mrclam_folder() {
+  const fs::path folder = test::data_folder() / "utias_mrclam/ds6";
+  return fs::exists(folder) ? std::optional(folder) : std::nullopt;
 }
 
 }  // namespace convoy::testing

@@ -58,7 +58,7 @@ class ScratchFolder {
 
 nlohmann::json read_json(const std::filesystem::path& file);
 
-/// The folder of the recorded data sets: CONVOY_DATA_DIR, else ../shared/data beside the source tree; empty if absent.
-std::optional<std::filesystem::path> data_folder();
+/// Set 6 of MR.CLAM in the data folder; empty if it is not on this machine.
+std::optional<std::filesystem::path> mrclam_folder();
 
 }  // namespace convoy::testing

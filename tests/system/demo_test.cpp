@@ -204,10 +204,10 @@ TEST(Demo, AVehicleThatFallsSilentIsNamedOnceAndMayComeBack) {
 }
 
 TEST(Demo, FiveRealRobotsWithHiddenIdentities) {
-  const auto data = data_folder();
-  if (!data) GTEST_SKIP() << "no recorded data; set CONVOY_DATA_DIR to a folder that holds utias_mrclam/ds6";
+  const auto data = mrclam_folder();
+  if (!data) GTEST_SKIP() << "no utias_mrclam/ds6; set CONVOY_DATA_DIR to the folder that holds utias_mrclam";
   const ScratchFolder scratch;
-  const std::string dataset = "--dataset mrclam " + (*data / "utias_mrclam/ds6").string();
+  const std::string dataset = "--dataset mrclam " + data->string();
   const Outcome plain = run_convoy("demo " + dataset + " --rate 30 --out " + (scratch / "plain").string());
   ASSERT_EQ(plain.status, 0) << plain.output;
   const json metrics = read_json(scratch / "plain/metrics.json");

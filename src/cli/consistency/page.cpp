@@ -86,13 +86,14 @@ std::string demand_table(const ConsistencyResult& result) {
 
 std::string control_table(const ConsistencyResult& result) {
   std::string html =
-      "<div class=\"scroll\"><table><tr><th class=\"text\">control</th><th class=\"text\">measured</th>"
+      "<div class=\"scroll\"><table><tr><th class=\"text\">control</th><th class=\"text\">must be</th><th "
+      "class=\"text\">measured</th>"
       "<th class=\"text\"></th></tr>\n";
   for (const Control& c : result.controls)
-    html +=
-        "<tr>" + text_cell(c.what) + text_cell(c.measured) +
-        (c.failed ? "<td class=\"text\">fails, as it must</td>" : "<td class=\"text miss\">passes, and must not</td>") +
-        "</tr>\n";
+    html += "<tr>" + text_cell(c.what) + text_cell(to_string(c.side)) + text_cell(c.measured) +
+            (c.failed ? "<td class=\"text\">fails, as it must</td>"
+                      : "<td class=\"text miss\">does not fail as it must</td>") +
+            "</tr>\n";
   return html + "</table></div>\n";
 }
 
@@ -131,8 +132,13 @@ std::string misses(const ConsistencyResult& result) {
 
 std::string consistency_page(const ConsistencyResult& result) {
   std::string html = page_begin("convoy: consistency") + "<h1>Consistency</h1>\n<p class=\"lead\">";
-  html += result.pass() ? "The estimator passes, and every negative control fails. "
-                        : "<span class=\"miss\">The suite does not pass.</span> ";
+  html += !result.judged() ? "Nothing of the verdict was measured. "
+          : result.pass()  ? "The estimator passes, and every negative control fails. "
+                           : "<span class=\"miss\">The suite does not pass.</span> ";
+  if (result.judged() && !result.enough_runs())
+    html += "<span class=\"miss\">" + xml_escaped(few_runs_words(result.options.runs)) + "</span> ";
+  if (!result.options.only.empty())
+    html += "Only scenarios whose name holds '" + xml_escaped(result.options.only) + "' were measured. ";
   html +=
       xml_escaped(misses(result)) + "</p>\n<p class=\"source\">" + std::to_string(result.options.runs) +
       " runs of each scenario, seed " + std::to_string(result.options.seed) + "; noise fitted on " + "runs of seed " +

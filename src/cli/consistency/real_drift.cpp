@@ -121,15 +121,16 @@ RealDrift measure_real_drift(fs::path data) {
   if (!given)
     if (const char* variable = std::getenv("CONVOY_DATA_DIR")) data = variable;
   const bool holds = !data.empty() && fs::is_directory(data / "kitti_trajectories");
+  const std::string fault =
+      data.string() + (fs::is_directory(data) ? ": holds no folder kitti_trajectories" : ": no such folder");
   if (given && !holds)
-    throw ConfigError(data.string() +
-                      ": holds no folder kitti_trajectories; --data names the folder that holds kitti_trajectories "
-                      "and pose_graphs");
+    throw ConfigError(fault + "; --data names the folder that holds kitti_trajectories and pose_graphs");
   if (!holds) {
     RealDrift none;
-    none.left_out =
-        "Real drift is left out: no recordings. Name the folder that holds kitti_trajectories and pose_graphs with "
-        "--data DIR or CONVOY_DATA_DIR.";
+    none.left_out = "Real drift is left out: no recordings" +
+                    (data.empty() ? "" : " (CONVOY_DATA_DIR: " + fault + ")") +
+                    ". Name the folder that holds kitti_trajectories and pose_graphs with --data DIR or "
+                    "CONVOY_DATA_DIR.";
     return none;
   }
   return Study(data).measure();

@@ -8,8 +8,10 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <system_error>
+#include <functional>
+#include <memory>
+#include <numeric>
+#include <thread>
 
 #include "consistency/ekf_slam.hpp"
 #include "consistency/exact_model.hpp"
@@ -47,26 +49,77 @@ class Suite {
       throw ConfigError("--runs " + std::to_string(options.runs) + ": an average takes two runs or more");
     result_.options = options;
     result_.calibration_seed = options.seed + calibration_offset;
+    if (!options.only.empty()) result_.real_drift.left_out = "Real drift is left out by --only.";
   }
 
   ConsistencyResult measure() {
-    real_drift_part();  // first: it takes a second, and a damaged file should not come up after minutes
+    // First: it takes a second, and a damaged file should not come up after minutes.
+    plan("real drift", 2.0, [this] { real_drift_part(); });
     exact_part<SE2>();
     exact_part<SE3>();
     ekf_slam_part<SE2>();
     ekf_slam_part<SE3>();
     false_association_part();
+    keep_what_is_asked_for();
+    for (std::size_t done = 0; done < jobs_.size(); ++done) {
+      tell_what_is_left(done);
+      jobs_[done].measure();
+    }
     return std::move(result_);
   }
 
  private:
+  /// A scenario to measure; without a name, what follows from the ones before.
+  struct Job {
+    std::string name;
+    double core_s = 0.0;  ///< what it takes on one core, about
+    std::function<void()> measure;
+  };
+
+  void plan(std::string name, double core_s, std::function<void()> measure) {
+    jobs_.push_back({std::move(name), core_s, std::move(measure)});
+  }
+  void conclude(std::function<void()> measure) { plan("", 0.0, std::move(measure)); }
+
+  static std::string dimension(int dim) { return std::to_string(dim) + "-D"; }
+
+  void keep_what_is_asked_for() {
+    const std::string& only = result_.options.only;
+    std::string names;
+    for (const Job& job : jobs_)
+      if (!job.name.empty()) names += "\n  " + job.name;
+    std::erase_if(jobs_, [&](const Job& job) { return !job.name.empty() && job.name.find(only) == std::string::npos; });
+    if (std::all_of(jobs_.begin(), jobs_.end(), [](const Job& job) { return job.name.empty(); }))
+      throw ConfigError("--only '" + only + "': in the name of no scenario; they are:" + names);
+  }
+
+  // At first by what another machine took; then by how much of that is done.
+  void tell_what_is_left(std::size_t done) const {
+    if (!result_.options.progress || jobs_[done].name.empty()) return;
+    const auto sum = [](double s, const Job& job) { return s + job.core_s; };
+    const auto next = jobs_.begin() + static_cast<std::ptrdiff_t>(done);
+    const double core_s_done = std::accumulate(jobs_.begin(), next, 0.0, sum);
+    const double core_s_left = std::accumulate(next, jobs_.end(), 0.0, sum);
+    const double so_far_s = seconds_so_far(), cores = std::max(1U, std::thread::hardware_concurrency());
+    const double left_s = so_far_s < 2.0 ? core_s_left / cores : core_s_left * so_far_s / core_s_done;
+    if (done > 0 && so_far_s < 2.0) return;
+    const auto scenarios = std::count_if(next, jobs_.end(), [](const Job& job) { return !job.name.empty(); });
+    std::printf("%6.1f s  %td %s to go, about %.0f s; now: %s\n", so_far_s, scenarios,
+                scenarios == 1 ? "scenario" : "scenarios", std::ceil(left_s), jobs_[done].name.c_str());
+    std::fflush(stdout);
+  }
+
+  double seconds_so_far() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+  }
+
   int runs() const { return result_.options.runs; }
   std::uint64_t seed() const { return result_.options.seed; }
 
   const Row& add(Row row) {
     result_.rows.push_back(std::move(row));
     const Row& r = result_.rows.back();
-    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+    const double seconds = seconds_so_far();
     if (result_.options.progress && seconds > 2.0) {
       std::printf("%6.1f s  %d-D %s, %s, %s: ANEES %.3f, coverage %.3f\n", seconds, r.dim, r.simulator.c_str(),
                   r.scenario.c_str(), r.model.c_str(), r.summary.anees, r.summary.coverage95);
@@ -88,24 +141,42 @@ class Suite {
     return to_string(p.path) + ", " + vehicle_words(p.vehicles) + noise_words(p.noise);
   }
 
+  /// Scenarios that are judged together, and the same with wrong covariances.
+  struct Pool {
+    std::vector<Summary> judged, low, high;
+  };
+
+  template <class G>
+  void plan_exact(const std::string& scenario, double core_s_per_run, std::function<void()> measure) {
+    plan(dimension(G::Dim) + " exact model, " + scenario, core_s_per_run * runs(), std::move(measure));
+  }
+
   template <class G>
   void exact_part() {
-    std::vector<Summary> judged, low, high;
-    for (const ExactModelParams& params : exact_scenarios()) {
-      const auto samples = exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>());
-      judged.push_back(summarise(samples, G::Dof, 1.0, seed()));
-      low.push_back(summarise(samples, G::Dof, 0.7, seed()));
-      high.push_back(summarise(samples, G::Dof, 1.5, seed()));
-      add({"local, sparse map", G::Dim, "exact model", scenario_of(params), judged.back(), true,
-           "Facts drawn from the model: what is computed rightly is consistent."});
-    }
-    const std::string dim = std::to_string(G::Dim) + "-D";
-    demand_exact(dim, exact_verdict(judged));
-    control(dim + " covariance x 0.7", exact_verdict(low));
-    control(dim + " covariance x 1.5", exact_verdict(high));
-    exact_baselines<G>(dim);
+    const std::string dim = dimension(G::Dim);
+    const auto pool = std::make_shared<Pool>();
+    for (const ExactModelParams& params : exact_scenarios())
+      plan_exact<G>(scenario_of(params), 0.02 * params.vehicles,
+                    [this, params, pool] { exact_scenario<G>(params, *pool); });
+    conclude([this, dim, pool] {
+      if (pool->judged.empty()) return;
+      demand_exact(dim, exact_verdict(pool->judged));
+      control(dim + " covariance x 0.7", Side::overconfident, exact_verdict(pool->low));
+      control(dim + " covariance x 1.5", Side::cautious, exact_verdict(pool->high));
+    });
+    plan_exact<G>(scenario_of({}) + ", baselines", 0.15, [this, dim] { exact_baselines<G>(dim); });
     persistent_part<G>(dim);
     far_with_full_drift<G>(dim);
+  }
+
+  template <class G>
+  void exact_scenario(const ExactModelParams& params, Pool& pool) {
+    const auto samples = exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>());
+    pool.judged.push_back(summarise(samples, G::Dof, 1.0, seed()));
+    pool.low.push_back(summarise(samples, G::Dof, 0.7, seed()));
+    pool.high.push_back(summarise(samples, G::Dof, 1.5, seed()));
+    add({"local, sparse map", G::Dim, "exact model", scenario_of(params), pool.judged.back(), true,
+         "Facts drawn from the model: what is computed rightly is consistent."});
   }
 
   static std::vector<ExactModelParams> exact_scenarios() {
@@ -137,11 +208,11 @@ class Suite {
                                percent(v.coverage95), v.coverage95 >= 0.93 && v.coverage95 <= 0.97, true, ""});
   }
 
-  void control(const std::string& what, const ExactVerdict& v) {
+  void control(const std::string& what, Side side, const ExactVerdict& v) {
     result_.controls.push_back({what,
                                 "ANEES " + fixed(v.anees, 3) + ", " + percent(v.steps_in_band) +
                                     " of the steps in band, coverage " + percent(v.coverage95),
-                                !v.consistent()});
+                                side, fails_on(side, v)});
   }
 
   // The same loop and the same draws under the other models.
@@ -162,7 +233,7 @@ class Suite {
     const DriftParams<G> literal = matching_drift<G>(params, DriftModel::literal);
     const Summary s = row("literal, sparse map", exact_samples(params, literal, SparseMap<G>()),
                           "The paper's additive bias with the true rates: overconfident where the loop closes.");
-    control(dim + " literal model on the loop", exact_verdict({s}));
+    control(dim + " literal model on the loop", Side::overconfident, exact_verdict({s}));
     papers_own<G>(params, scenario);
     std::vector<TrueTrack<G>> tracks;
     for (int run = 0; run < calibration_runs; ++run)
@@ -186,14 +257,21 @@ class Suite {
     ExactModelParams params;
     params.persistent.scale = 0.01;
     params.persistent.heading_rad_per_m = 3e-4;
-    persistent_rows<G>(dim, params, "1 % scale and 0.3 mrad/m yaw", "its odometer's scale and turning are estimated");
+    plan_persistent<G>(dim, params, "1 % scale and 0.3 mrad/m yaw", "its odometer's scale and turning are estimated");
     if (G::Dim == 2) return;
     params.persistent = {};
     params.persistent.tilt_rad = 0.01;
     params.persistent.height_m = 0.3;
     params.persistent.correlation_m = 50.0;
-    persistent_rows<G>(dim, params, "tilt and height bounded",
+    plan_persistent<G>(dim, params, "tilt and height bounded",
                        "what is up and how high it is is measured all the time");
+  }
+
+  template <class G>
+  void plan_persistent(const std::string& dim, const ExactModelParams& params, const std::string& words,
+                       const char* remark) {
+    plan_exact<G>(scenario_of(params) + ", " + words, 0.08,
+                  [this, dim, params, words, remark] { persistent_rows<G>(dim, params, words, remark); });
   }
 
   template <class G>
@@ -212,7 +290,7 @@ class Suite {
         {dim + " exact model, " + words + ": ANEES in the 95 % band, coverage", ">= 90 % of the steps, 93 to 97 %",
          percent(v.steps_in_band) + ", " + interval_words(told) + ", coverage " + percent(v.coverage95), v.consistent(),
          true, ""});
-    control(dim + " " + words + ", untold", exact_verdict({untold}));
+    control(dim + " " + words + ", untold", Side::overconfident, exact_verdict({untold}));
   }
 
   template <class G>
@@ -220,6 +298,11 @@ class Suite {
     ExactModelParams params;
     params.path = Path::far_origin;
     params.vehicles = 1;
+    plan_exact<G>(scenario_of(params), 0.02, [this, dim, params] { far_rows<G>(dim, params); });
+  }
+
+  template <class G>
+  void far_rows(const std::string& dim, const ExactModelParams& params) {
     const Summary s = summarise(exact_samples(params, matching_drift<G>(params, DriftModel::local), SparseMap<G>()),
                                 G::Dof, 1.0, seed());
     add({"local, sparse map", G::Dim, "exact model", scenario_of(params), s, true,
@@ -276,32 +359,37 @@ class Suite {
 
   template <class G>
   void ekf_slam_part() {
-    for (const SlamScenario& scenario : G::Dim == 2 ? slam_scenarios() : slam_scenarios_in_space()) {
-      const int count = std::min(runs(), scenario.max_runs);
-      const auto driven = each_run(count, [&](int run) { return drive_ekf_slam<G>(scenario.params, seed(), run); });
-      const auto row = [&](const char* model, const std::vector<RunSample>& samples, bool ours, const char* remark) {
-        return add({model, G::Dim, "EKF-SLAM", scenario.name, summarise(samples, G::Dof, 1.0, seed()), ours, remark})
-            .summary;
-      };
-      const auto judged = [&](const DriftParams<G>& drift, const Backend<G>& backend) {
-        return each_run(count, [&](int run) {
-          return judge_ekf_slam(driven[static_cast<std::size_t>(run)], scenario.params, drift, backend, seed(), run);
-        });
-      };
-      row("raw SLAM",
-          each_run(count, [&](int run) { return judge_raw(raw_tracks(driven[static_cast<std::size_t>(run)])); }), false,
-          "Each vehicle's filter in its own start frame, behind its static bias.");
-      demand_ekf_slam(G::Dim, scenario,
-                      row("local, sparse map", judged({}, SparseMap<G>()), true, "What ships, with its defaults."));
-      DriftParams<G> literal;
-      literal.model = DriftModel::literal;
-      row("literal, EKF map", judged(literal, EkfMap<G>()), false, "The paper's own method.");
-      if (!scenario.all_models) continue;
-      row("literal, sparse map", judged(literal, SparseMap<G>()), false, "The paper's additive bias, default rates.");
-      row("literal, fitted noise, sparse map", judged(fitted<G>(scenario.params), SparseMap<G>()), false,
-          "The additive bias with the constant covariance that fits 40 other runs of this path best.");
-      row("local, EKF map", judged({}, EkfMap<G>()), false, "Our drift model in the paper's filter.");
-    }
+    for (const SlamScenario& scenario : G::Dim == 2 ? slam_scenarios() : slam_scenarios_in_space())
+      plan(dimension(G::Dim) + " EKF-SLAM, " + scenario.name, 1.2 * std::min(runs(), scenario.max_runs),
+           [this, scenario] { ekf_slam_rows<G>(scenario); });
+  }
+
+  template <class G>
+  void ekf_slam_rows(const SlamScenario& scenario) {
+    const int count = std::min(runs(), scenario.max_runs);
+    const auto driven = each_run(count, [&](int run) { return drive_ekf_slam<G>(scenario.params, seed(), run); });
+    const auto row = [&](const char* model, const std::vector<RunSample>& samples, bool ours, const char* remark) {
+      return add({model, G::Dim, "EKF-SLAM", scenario.name, summarise(samples, G::Dof, 1.0, seed()), ours, remark})
+          .summary;
+    };
+    const auto judged = [&](const DriftParams<G>& drift, const Backend<G>& backend) {
+      return each_run(count, [&](int run) {
+        return judge_ekf_slam(driven[static_cast<std::size_t>(run)], scenario.params, drift, backend, seed(), run);
+      });
+    };
+    row("raw SLAM",
+        each_run(count, [&](int run) { return judge_raw(raw_tracks(driven[static_cast<std::size_t>(run)])); }), false,
+        "Each vehicle's filter in its own start frame, behind its static bias.");
+    demand_ekf_slam(G::Dim, scenario,
+                    row("local, sparse map", judged({}, SparseMap<G>()), true, "What ships, with its defaults."));
+    DriftParams<G> literal;
+    literal.model = DriftModel::literal;
+    row("literal, EKF map", judged(literal, EkfMap<G>()), false, "The paper's own method.");
+    if (!scenario.all_models) return;
+    row("literal, sparse map", judged(literal, SparseMap<G>()), false, "The paper's additive bias, default rates.");
+    row("literal, fitted noise, sparse map", judged(fitted<G>(scenario.params), SparseMap<G>()), false,
+        "The additive bias with the constant covariance that fits 40 other runs of this path best.");
+    row("local, EKF map", judged({}, EkfMap<G>()), false, "Our drift model in the paper's filter.");
   }
 
   template <class G>
@@ -356,31 +444,36 @@ class Suite {
 
   void false_association_part() {
     for (const bool agreeing : {false, true}) {
-      ExactModelParams params;
-      params.aliases = agreeing ? 1 : 3;
-      params.alias_places = agreeing ? 3 : 1;
-      const DriftParams<SE2> drift = matching_drift<SE2>(params, DriftModel::local);
-      const auto samples = each_run(runs(), [&](int run) {
-        return judge_global_map(draw_exact_fleet(params, drift, seed(), run), SparseMap<SE2>());
-      });
       const std::string scenario = agreeing ? "loop, a stretch of the street repeated: false sets that agree"
                                             : "loop, places that look alike: independent false sets";
-      const Summary s =
-          add({"local, sparse map", 2, "exact model", scenario, summarise(samples, SE2::Dof, 1.0, seed()), true,
-               "False sets of pairs are geometrically perfect copies and stated beside the true ones."})
-              .summary;
-      const std::string share = std::to_string(s.true_dropped) + " of " + std::to_string(s.true_stated) + " (" +
-                                percent(s.true_dropped / std::max(1.0, static_cast<double>(s.true_stated))) + ")";
-      result_.demands.push_back({scenario + ": false fusions", "0",
-                                 std::to_string(s.false_fusions) + " of " + std::to_string(s.false_stated),
-                                 s.false_fusions == 0, false, ""});
-      result_.demands.push_back(
-          {scenario + ": true sets dropped", "<= 2 %", share, s.true_dropped <= 0.02 * s.true_stated, false, ""});
+      plan_exact<SE2>(scenario, 0.025, [this, scenario, agreeing] { false_association_rows(scenario, agreeing); });
     }
+  }
+
+  void false_association_rows(const std::string& scenario, bool agreeing) {
+    ExactModelParams params;
+    params.aliases = agreeing ? 1 : 3;
+    params.alias_places = agreeing ? 3 : 1;
+    const DriftParams<SE2> drift = matching_drift<SE2>(params, DriftModel::local);
+    const auto samples = each_run(runs(), [&](int run) {
+      return judge_global_map(draw_exact_fleet(params, drift, seed(), run), SparseMap<SE2>());
+    });
+    const Summary s =
+        add({"local, sparse map", 2, "exact model", scenario, summarise(samples, SE2::Dof, 1.0, seed()), true,
+             "False sets of pairs are geometrically perfect copies and stated beside the true ones."})
+            .summary;
+    const std::string share = std::to_string(s.true_dropped) + " of " + std::to_string(s.true_stated) + " (" +
+                              percent(s.true_dropped / std::max(1.0, static_cast<double>(s.true_stated))) + ")";
+    result_.demands.push_back({scenario + ": false fusions", "0",
+                               std::to_string(s.false_fusions) + " of " + std::to_string(s.false_stated),
+                               s.false_fusions == 0, false, ""});
+    result_.demands.push_back(
+        {scenario + ": true sets dropped", "<= 2 %", share, s.true_dropped <= 0.02 * s.true_stated, false, ""});
   }
 
   std::chrono::steady_clock::time_point start_;
   ConsistencyResult result_;
+  std::vector<Job> jobs_;
 };
 
 }  // namespace
@@ -403,6 +496,12 @@ ExactVerdict exact_verdict(const std::vector<Summary>& scenarios) {
   return v;
 }
 
+bool fails_on(Side side, const ExactVerdict& v) {
+  return !v.consistent() && (side == Side::overconfident ? v.anees > 1.0 : v.anees < 1.0);
+}
+
+const char* to_string(Side side) { return side == Side::overconfident ? "overconfident" : "cautious"; }
+
 bool ConsistencyResult::pass() const {
   return std::all_of(demands.begin(), demands.end(), [](const Demand& d) { return d.met || !d.of_verdict; }) &&
          std::all_of(controls.begin(), controls.end(), [](const Control& c) { return c.failed; });
@@ -410,6 +509,13 @@ bool ConsistencyResult::pass() const {
 
 bool ConsistencyResult::all_met() const {
   return pass() && std::all_of(demands.begin(), demands.end(), [](const Demand& d) { return d.met; });
+}
+
+std::string few_runs_words(int runs) {
+  return std::to_string(runs) +
+         " runs decide nothing, neither for nor against the estimator: chance alone makes it miss, "
+         "and controls pass. The verdict means something from " +
+         std::to_string(enough_runs) + " runs on.";
 }
 
 ConsistencyResult measure_consistency(const ConsistencyOptions& options) { return Suite(options).measure(); }
@@ -420,8 +526,13 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
            {"seed", result.options.seed},
            {"calibration_seed", result.calibration_seed},
            {"bootstrap_seed", result.options.seed},
+           {"enough_runs", result.enough_runs()},
+           {"only", result.options.only},
            {"pass", result.pass()},
-           {"all_met", result.all_met()}};
+           {"all_met", result.all_met()},
+           {"rows", json::array()},
+           {"demands", json::array()},
+           {"controls", json::array()}};
   for (const Row& row : result.rows) {
     const Summary& s = row.summary;
     json distance = s.distance_rmse_m;
@@ -445,34 +556,45 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
                                {"unlinked_runs", s.unlinked_runs}});
   }
   for (const Demand& d : result.demands)
-    out["demands"].push_back(json{
-        {"what", d.what}, {"asked", d.asked}, {"measured", d.measured}, {"met", d.met}, {"of_verdict", d.of_verdict}});
+    out["demands"].push_back(json{{"what", d.what},
+                                  {"asked", d.asked},
+                                  {"measured", d.measured},
+                                  {"met", d.met},
+                                  {"of_verdict", d.of_verdict},
+                                  {"reason", d.met ? "" : d.reason}});
   for (const Control& c : result.controls)
-    out["controls"].push_back(json{{"what", c.what}, {"measured", c.measured}, {"failed_as_it_must", c.failed}});
+    out["controls"].push_back(json{
+        {"what", c.what}, {"must_be", to_string(c.side)}, {"measured", c.measured}, {"failed_as_it_must", c.failed}});
   out["real_drift"] = to_json(result.real_drift);
   return out;
 }
 
+namespace {
+
+const char* verdict_words(const ConsistencyResult& result) {
+  if (!result.judged()) return "measured; nothing of it is judged";
+  if (!result.pass()) return "does NOT pass: see the misses above";
+  return result.options.only.empty() ? "consistent: the model passes and every control fails"
+                                     : "consistent as far as --only goes: the model passes and every control fails";
+}
+
+}  // namespace
+
 int run_consistency(const ConsistencyOptions& options) {
-  std::error_code failed;  // told before minutes of measuring, and not after
-  std::filesystem::create_directories(options.out, failed);
-  if (!std::filesystem::is_directory(options.out, failed))
-    throw ConfigError(options.out.string() + ": cannot be a folder; choose another one with --out");
+  expect_writable(options.out);
   const ConsistencyResult result = measure_consistency(options);
   write_text_file(options.out / "consistency.json", to_json(result).dump(2) + "\n");
   write_text_file(options.out / "consistency.html", consistency_page(result));
   std::printf("seed %llu, calibration seed %llu, %d runs per scenario\n", static_cast<unsigned long long>(options.seed),
               static_cast<unsigned long long>(result.calibration_seed), options.runs);
   for (const Demand& d : result.demands)
-    std::printf("%s  %s: %s (asked: %s)\n", d.met ? "met " : "MISS", d.what.c_str(), d.measured.c_str(),
-                d.asked.c_str());
+    std::printf("%s  %s: %s (asked: %s)%s\n", d.met ? "met " : "MISS", d.what.c_str(), d.measured.c_str(),
+                d.asked.c_str(), d.met || d.reason.empty() ? "" : ("; " + d.reason).c_str());
   for (const Control& c : result.controls)
-    std::printf("%s  control %s: %s\n", c.failed ? "fails, as it must" : "PASSES, AND MUST NOT", c.what.c_str(),
-                c.measured.c_str());
-  std::printf(
-      "%s; %s\n",
-      result.pass() ? "consistent: the model passes and every control fails" : "does NOT pass: see the misses above",
-      (options.out / "consistency.html").c_str());
+    std::printf("%s  control %s, must be %s: %s\n", c.failed ? "fails, as it must" : "DOES NOT FAIL AS IT MUST",
+                c.what.c_str(), to_string(c.side), c.measured.c_str());
+  if (result.judged() && !result.enough_runs()) std::printf("%s\n", few_runs_words(result.options.runs).c_str());
+  std::printf("%s; %s\n", verdict_words(result), (options.out / "consistency.html").c_str());
   return result.pass() ? 0 : 1;
 }
 

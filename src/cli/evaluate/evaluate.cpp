@@ -36,6 +36,7 @@ class RootMeanSquare {
     if (count_ == 0) return std::nullopt;
     return std::sqrt(sum_ / static_cast<double>(count_));
   }
+  std::size_t count() const { return count_; }
 
  private:
   double sum_ = 0.0;
@@ -311,30 +312,44 @@ std::optional<double> first_association(const MapRecord<G>& map, VehicleId a, Ve
   return confirmed ? confirmed : linked_s(map, a, b, 1);
 }
 
+/// What one pair's live distances are off by, over three spans of time.
+struct DistanceErrors {
+  RootMeanSquare raw, raw_after,
+      raw_settled;                // each vehicle's SLAM alone: all, and at the very samples of the next two
+  RootMeanSquare after, settled;  // in the common frame, from the first association on, and 10 s later on
+  std::optional<double> final, final_s;
+
+  void add(const DistanceSample& sample, const std::optional<double>& first_association_s) {
+    const double raw_error = sample.raw_m - sample.true_m;
+    raw.add(raw_error);
+    if (!sample.convoy_m || !first_association_s || sample.t_s < *first_association_s) return;
+    const double error = *sample.convoy_m - sample.true_m;
+    raw_after.add(raw_error);
+    after.add(error);
+    if (!final_s || sample.t_s > *final_s) {
+      final = std::abs(error);
+      final_s = sample.t_s;
+    }
+    if (sample.t_s < *first_association_s + settling_s) return;
+    raw_settled.add(raw_error);
+    settled.add(error);
+  }
+};
+
 template <class G>
 json judge_pair(const RunRecord<G>& run, const VehicleRecord<G>& a, const VehicleRecord<G>& b, PairSeries& series) {
   const VehicleRecord<G>* survivor = run.first_survivor();
   if (survivor) series.first_association_s = first_association(*survivor->map, a.id, b.id);
-  RootMeanSquare raw, raw_after, convoy, convoy_settled, corrected;
-  std::optional<double> final_error;
+  RootMeanSquare corrected;
+  DistanceErrors live;
   for (const auto& [viewer, other] : {std::pair(&a, &b), std::pair(&b, &a)}) {
     add_corrected_errors(*viewer, *other, corrected);
     const PairSeries seen = distances(*viewer, *other);
-    for (const DistanceSample& sample : seen.distances) {
-      raw.add(sample.raw_m - sample.true_m);
-      if (!series.first_association_s || sample.t_s < *series.first_association_s) continue;
-      raw_after.add(sample.raw_m - sample.true_m);
-      if (!sample.convoy_m) continue;
-      const double error = *sample.convoy_m - sample.true_m;
-      convoy.add(error);
-      if (sample.t_s >= *series.first_association_s + settling_s) convoy_settled.add(error);
-    }
+    for (const DistanceSample& sample : seen.distances) live.add(sample, series.first_association_s);
     if (series.distances.empty()) {
       series.distances = seen.distances;
       series.without_peer = seen.without_peer;
       series.without_truth = seen.without_truth;
-      for (const DistanceSample& sample : seen.distances)
-        if (sample.convoy_m) final_error = std::abs(*sample.convoy_m - sample.true_m);
     }
   }
   return {
@@ -342,12 +357,18 @@ json judge_pair(const RunRecord<G>& run, const VehicleRecord<G>& a, const Vehicl
       {"b", b.id},
       {"first_association_s", or_null(series.first_association_s)},
       {"first_direct_association_s", survivor ? or_null(first_direct_association(*survivor->map, a.id, b.id)) : json()},
-      {"distance_rmse_raw_m", or_null(raw.value())},
-      {"distance_rmse_raw_after_m", or_null(raw_after.value())},
-      {"distance_rmse_m", or_null(convoy.value())},
-      {"distance_rmse_settled_m", or_null(convoy_settled.value())},
+      {"distance_rmse_raw_m", or_null(live.raw.value())},
+      {"distance_samples_raw", live.raw.count()},
+      {"distance_rmse_m", or_null(live.after.value())},
+      {"distance_rmse_raw_after_m", or_null(live.raw_after.value())},
+      {"distance_samples", live.after.count()},
+      {"distance_rmse_settled_m", or_null(live.settled.value())},
+      {"distance_rmse_raw_settled_m", or_null(live.raw_settled.value())},
+      {"distance_samples_settled", live.settled.count()},
       {"distance_rmse_corrected_m", or_null(corrected.value())},
-      {"distance_error_final_m", or_null(final_error)}};
+      {"distance_samples_corrected", corrected.count()},
+      {"distance_error_final_m", or_null(live.final)},
+      {"distance_error_final_s", or_null(live.final_s)}};
 }
 
 // ---- associations ----

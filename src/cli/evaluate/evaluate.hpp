@@ -26,9 +26,12 @@
 // 1.5 s), against the truth at the same two stamps, so that latency does not look like error. "raw" takes each
 // vehicle's SLAM pose as if all had started in one place. The pair's first association is the first moment at which
 // accepted associations link the two, directly or through others; distance_rmse_m and ..._settled_m (10 s later on)
-// begin there. distance_rmse_corrected_m instead is of the whole run, as the vehicles know it in the end: at each row
-// of one corrected trajectory the other's pose at the same moment, between its two neighbouring rows along the
-// geodesic, and the same with the two exchanged.
+// begin there, ..._raw_after_m and ..._raw_settled_m are of the very same samples, and distance_error_final_m is of the
+// last of them, at distance_error_final_s. distance_rmse_corrected_m instead is of the whole run, as the vehicles know
+// it in the end: at each row of one corrected trajectory the other's pose at the same moment, between its two
+// neighbouring rows along the geodesic, and the same with the two exchanged. distance_samples, ..._raw, ..._settled and
+// ..._corrected count what each of these rests on, both ways of looking together; below enough_distance_samples an RMSE
+// says nothing.
 //
 // In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge
 // "mounted" and truth_mount_... are planar, and null there.
@@ -45,6 +48,9 @@
 #include "evaluate/truth.hpp"
 
 namespace convoy::cli {
+
+/// Live distances, of which both vehicles have one per second, that it takes to say how well a distance is known.
+inline constexpr std::size_t enough_distance_samples = 10;
 
 struct TimedValue {
   double t_s = 0.0;

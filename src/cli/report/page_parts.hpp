@@ -1,4 +1,4 @@
-// What the pages of tables have in common: head, looks and cells. XHTML, self-contained.
+// What all pages have in common: head, looks, and the cells of tables. XHTML, self-contained.
 #pragma once
 
 #include <string>

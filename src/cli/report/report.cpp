@@ -1,51 +1,17 @@
 #include "report/report.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <cstdint>
 
 #include "report/figures.hpp"
+#include "report/page_parts.hpp"
 #include "report/svg_plot.hpp"
 #include "scenario/table_file.hpp"
 
 namespace convoy::cli {
 using nlohmann::json;
 namespace {
-
-constexpr const char* style = R"(
-:root { color: #1f2933; background: #ffffff; font-family: system-ui, "DejaVu Sans", Helvetica, Arial, sans-serif; }
-body { max-width: 1100px; margin: 0 auto; padding: 24px 20px 60px; font-size: 15px; line-height: 1.5; }
-h1 { font-size: 26px; margin: 0 0 4px; }
-h2 { font-size: 18px; margin: 36px 0 8px; }
-p.lead { font-size: 17px; margin: 6px 0 14px; }
-p.note { color: #3e4c59; font-size: 14px; margin: 6px 0 0; }
-p.source { color: #52606d; margin: 0; }
-.tiles { display: flex; flex-wrap: wrap; gap: 10px; margin: 14px 0; }
-.tile { border: 1px solid #cbd2d9; border-radius: 6px; padding: 8px 14px; min-width: 118px; }
-.tile b { display: block; font-size: 20px; font-variant-numeric: tabular-nums; }
-.tile span { color: #52606d; font-size: 13px; }
-.tile.bad { border-color: #d62728; }
-.tile.bad b { color: #b3191b; }
-figure { margin: 0; }
-figure svg { display: block; width: 100%; height: auto; }
-figcaption { color: #3e4c59; font-size: 14px; margin-top: 4px; }
-p.key { margin: 0 0 4px; font-size: 13px; }
-p.key span { margin-right: 22px; white-space: nowrap; }
-p.key svg { display: inline-block; width: 26px; height: 10px; }
-.row { display: flex; flex-wrap: wrap; gap: 10px; align-items: flex-start; }
-.two-thirds { width: calc(66.4% - 5px); }
-.half { width: calc(50% - 5px); }
-.third { width: calc(33.3% - 7px); }
-@media screen and (max-width: 700px) { .two-thirds, .half, .third { width: 100%; } }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-th, td { border-bottom: 1px solid #e4e7eb; padding: 4px 9px; text-align: right; }
-th { color: #52606d; font-weight: 600; vertical-align: bottom; }
-th:first-child, td:first-child { text-align: left; }
-@media print {
-  body { max-width: none; padding: 0; font-size: 11px; }
-  section { break-inside: avoid; }
-  table { font-size: 9px; }
-}
-)";
 
 /// A number with fixed decimals and a unit, or a dash when it is not known.
 std::string show(const json& value, int decimals, const std::string& unit = {}) {
@@ -80,6 +46,14 @@ json worst(const json& list, const char* key) {
   return result;
 }
 
+/// The pairs whose settled distances were compared often enough to say something.
+json judged_pairs(const json& pairs) {
+  json judged = json::array();
+  for (const json& pair : pairs)
+    if (pair.at("distance_samples_settled") >= enough_distance_samples) judged.push_back(pair);
+  return judged;
+}
+
 std::string count_word(std::size_t count) {
   static const char* const words[] = {"No",  "One",   "Two",   "Three", "Four", "Five",
                                       "Six", "Seven", "Eight", "Nine",  "Ten"};
@@ -95,8 +69,10 @@ std::string tiles(const json& m) {
   const json& associations = m.at("associations");
   const auto above_zero = [](const json& value) { return value.is_number() && value.get<double>() > 0.0; };
   std::string out = "<div class=\"tiles\">\n";
-  out += tile(show(worst(m.at("pairs"), "distance_rmse_settled_m"), 3, "m"),
-              "distance RMSE, worst pair, from 10 s after association");
+  const json judged = judged_pairs(m.at("pairs"));
+  out += tile(
+      show(worst(judged, "distance_rmse_settled_m"), 3, "m"),
+      judged.empty() ? "distance RMSE: too few samples" : "distance RMSE, worst pair, from 10 s after association");
   if (m.at("fleet_ate_m").is_number()) out += tile(show(m.at("fleet_ate_m"), 3, "m"), "fleet ATE");
   if (m.at("landmark_rmse_m").is_number()) out += tile(show(m.at("landmark_rmse_m"), 3, "m"), "landmark RMSE");
   out += tile(show_percent(m.at("fleet_coverage95")), "of live poses within 95 % bound");
@@ -160,18 +136,28 @@ std::string vehicle_note(const RunRecord<G>& run, const json& m) {
          show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + "</p>\n";
 }
 
+/// "0.071 (154)": a distance of a pair, and how many samples it rests on.
+std::string show_counted(const json& pair, const char* distance, const char* samples, int decimals = 3) {
+  return show(pair.at(distance), decimals) + " (" + show(pair.at(samples), 0) + ")";
+}
+
 template <class G>
 std::string pair_table(const RunRecord<G>& run, const json& m) {
   std::vector<Row> rows;
   for (const json& p : m.at("pairs"))
     rows.push_back({vehicle_name(run, p.at("a")) + " \u2013 " + vehicle_name(run, p.at("b")),
-                    show(p.at("first_association_s"), 1), show(p.at("distance_rmse_raw_m"), 2),
-                    show(p.at("distance_rmse_m"), 3), show(p.at("distance_rmse_settled_m"), 3),
-                    show(p.at("distance_error_final_m"), 3), show(p.at("distance_rmse_corrected_m"), 3)});
+                    show(p.at("first_association_s"), 1),
+                    show_counted(p, "distance_rmse_raw_m", "distance_samples_raw", 2),
+                    show_counted(p, "distance_rmse_m", "distance_samples"),
+                    show_counted(p, "distance_rmse_settled_m", "distance_samples_settled"),
+                    show(p.at("distance_error_final_m"), 3) + " at " + show(p.at("distance_error_final_s"), 0, "s"),
+                    show_counted(p, "distance_rmse_corrected_m", "distance_samples_corrected")});
   return table({"pair", "first association [s]", "distance RMSE, SLAM alone [m]", "live, after association [m]",
                 "live, 10 s later on [m]", "live, final error [m]", "corrected, whole run [m]"},
                rows) +
-         "<p class=\"note\">Live is what the vehicles knew at that moment; corrected is what they know of the whole "
+         "<p class=\"note\">In brackets: how many comparisons with the truth a figure rests on; below " +
+         std::to_string(enough_distance_samples) +
+         " it says nothing. Live is what the vehicles knew at that moment; corrected is what they know of the whole "
          "run "
          "after it, from trajectories corrected with the final map.</p>\n";
 }
@@ -220,20 +206,32 @@ std::string count_false(const json& count) {
 
 /// What the distances between vehicles are known to, once both have settled; only for the pairs that came so far.
 std::string of_distances(const json& pairs) {
-  const json distance = worst(pairs, "distance_rmse_settled_m");
-  if (!distance.is_number()) return "";
+  const json judged = judged_pairs(pairs);
+  if (judged.empty()) return "";
+  const json distance = worst(judged, "distance_rmse_settled_m");
   json raw;
-  std::size_t judged = 0;
-  for (const json& pair : pairs)
-    if (pair.at("distance_rmse_settled_m").is_number()) {
-      ++judged;
-      if (pair.at("distance_rmse_settled_m") == distance) raw = pair.at("distance_rmse_raw_after_m");
-    }
-  const std::string which = judged == pairs.size() ? "the distance between any two"
-                                                   : "the distance of " + std::to_string(judged) + " of " +
-                                                         std::to_string(pairs.size()) + " pairs";
-  return ": from ten seconds after their association on, " + which + " is known to " + show(distance, 2, "m") +
-         " RMSE or better" + (raw.is_number() ? " (SLAM alone in the same time: " + show(raw, 1, "m") + ")" : "");
+  std::size_t fewest = SIZE_MAX;
+  for (const json& pair : judged) {
+    fewest = std::min(fewest, pair.at("distance_samples_settled").get<std::size_t>());
+    if (pair.at("distance_rmse_settled_m") == distance) raw = pair.at("distance_rmse_raw_settled_m");
+  }
+  const std::string which = judged.size() == pairs.size() ? "the distance between any two"
+                                                          : "the distance of " + std::to_string(judged.size()) +
+                                                                " of " + std::to_string(pairs.size()) + " pairs";
+  return "from ten seconds after their association on, " + which + " is known to " + show(distance, 2, "m") +
+         " RMSE or better (SLAM alone in the same time: " + show(raw, 1, "m") + "; " + std::to_string(fewest) +
+         (judged.size() > 1 ? " samples of a pair or more)" : " samples)");
+}
+
+/// Why nothing is said of distances, where there are pairs.
+std::string without_distances(const json& pairs) {
+  if (pairs.empty()) return "";
+  if (worst(pairs, "distance_samples_raw") == json(0))
+    return "no live distance between vehicles could be compared with a truth";
+  if (worst(pairs, "first_association_s").is_null()) return "no two vehicles were associated, so no distance is judged";
+  return "live distances are not judged, for from ten seconds after association on there are at most " +
+         show(worst(pairs, "distance_samples_settled"), 0) + " samples of a pair, and it takes " +
+         std::to_string(enough_distance_samples) + " (a lower --rate gives more)";
 }
 
 std::string sentence_case(std::string text) {
@@ -264,12 +262,14 @@ std::string outcome(const RunRecord<G>& run, const json& m) {
 template <class G>
 std::string headline(const RunRecord<G>& run, const json& m) {
   std::string text = outcome(run, m);
-  if (const std::string distances = of_distances(m.at("pairs")); !distances.empty()) {
-    text += distances;
-  } else if (m.at("landmark_rmse_m").is_number()) {
-    text += ": its landmarks are " + show(m.at("landmark_rmse_m"), 2, "m") + " RMSE from the truth";
+  std::string found = of_distances(m.at("pairs"));
+  if (found.empty()) {
+    found = without_distances(m.at("pairs"));
+    if (m.at("landmark_rmse_m").is_number())
+      found += (found.empty() ? "" : "; ") +
+               ("landmarks are " + show(m.at("landmark_rmse_m"), 2, "m") + " RMSE from the truth");
   }
-  text += ".";
+  text += (found.empty() ? "" : ": " + found) + ".";
   const json& a = m.at("associations");
   const json& false_pairings = a.at("false");
   if (false_pairings.is_number() && a.at("unjudged") != json(0))
@@ -301,10 +301,7 @@ std::string headline(const RunRecord<G>& run, const json& m) {
 template <class G>
 std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   const json& m = evaluation.metrics;
-  std::string page =
-      "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head>\n<meta charset=\"utf-8\"/>\n"
-      "<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"/>\n<title>convoy: " +
-      xml_escaped(run.scenario) + "</title>\n<style>" + style + "</style>\n</head>\n<body>\n";
+  std::string page = page_begin("convoy: " + run.scenario);
   page += "<h1>convoy: what a run came to</h1>\n<p class=\"lead\">" + xml_escaped(headline(run, m)) +
           "</p>\n<p class=\"source\">" + xml_escaped(source_line(run)) + "</p>\n" + tiles(m);
   for (const Figure& figure : make_figures(run, evaluation))
@@ -313,7 +310,7 @@ std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation
   page += "<section>\n<h2>Metrics</h2>\n" + fleet_table(m) + "</section>\n<section>\n<h2>Vehicles</h2>\n" +
           vehicle_table(run, m) + vehicle_note(run, m) + "</section>\n";
   if (!m.at("pairs").empty()) page += "<section>\n<h2>Pairs</h2>\n" + pair_table(run, m) + "</section>\n";
-  return page + "</body>\n</html>\n";
+  return page + page_end();
 }
 
 template <class G>

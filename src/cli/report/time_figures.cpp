@@ -94,20 +94,30 @@ void draw_distances(SvgPlot& plot, const PairSeries& pair, double width) {
 template <class G>
 std::string distance_findings(const Evaluation<G>& evaluation, const std::vector<const PairSeries*>& pairs) {
   std::string text;
-  const auto range = [&evaluation](const char* key) {
+  const auto range = [&evaluation](const char* key, int decimals) {
     json best, worst;
     for (const json& pair : evaluation.metrics.at("pairs"))
-      if (const json& rmse = pair.at(key); rmse.is_number()) {
-        if (best.is_null() || rmse < best) best = rmse;
-        if (worst.is_null() || rmse > worst) worst = rmse;
+      if (const json& value = pair.at(key); value.is_number()) {
+        if (best.is_null() || value < best) best = value;
+        if (worst.is_null() || value > worst) worst = value;
       }
     if (!best.is_number()) return std::string();
-    return fixed(best.get<double>(), 2) + (worst == best ? "" : " to " + fixed(worst.get<double>(), 2)) + " m RMSE";
+    return fixed(best.get<double>(), decimals) + (worst == best ? "" : " to " + fixed(worst.get<double>(), decimals));
   };
-  if (const std::string settled = range("distance_rmse_settled_m"); !settled.empty())
-    text += " From ten seconds after the first association on, blue is off by " + settled +
-            "; with the seconds in which the association is found and the map is built, by " +
-            range("distance_rmse_m") + ".";
+  if (const std::string settled = range("distance_rmse_settled_m", 2); !settled.empty())
+    text += " From ten seconds after the first association on, blue is off by " + settled + " m RMSE (" +
+            range("distance_samples_settled", 0) +
+            " samples of a pair); with the seconds in which the association is found and the map is built, by " +
+            range("distance_rmse_m", 2) + " m RMSE (" + range("distance_samples", 0) + ").";
+  const json& judged = evaluation.metrics.at("pairs");
+  const auto few = std::count_if(judged.begin(), judged.end(), [](const json& pair) {
+    return pair.at("first_association_s").is_number() && pair.at("distance_samples_settled") < enough_distance_samples;
+  });
+  if (few > 0)
+    text += " Of " + std::to_string(few) + (few == 1 ? " pair" : " pairs") + " there are fewer than " +
+            std::to_string(enough_distance_samples) +
+            " such samples, too few to mean anything: the run ended soon after the association, or the machine did not "
+            "keep up with --rate.";
   std::size_t after = 0, not_aligned = 0, without_peer = 0, without_truth = 0;
   for (const PairSeries* pair : pairs) {
     for (const DistanceSample& sample : pair->distances) {

@@ -129,6 +129,10 @@ double since(double stamp_s, double origin_s) { return std::round((stamp_s - ori
 Scenario<SE2> load_mrclam(const fs::path& folder, double max_step_back_s) {
   if (!fs::is_directory(folder))
     throw ConfigError(folder.string() + ": no such folder; give the folder of one MR.CLAM data set");
+  if (!fs::exists(folder / "Barcodes.dat"))
+    throw ConfigError(folder.string() +
+                      ": holds no Barcodes.dat; give the folder of one MR.CLAM data set, with its Barcodes.dat, "
+                      "Landmark_Groundtruth.dat and RobotN_*.dat");
   Scenario<SE2> scenario;
   scenario.name = "mrclam";
   scenario.source = fs::weakly_canonical(folder).filename().string();

@@ -44,6 +44,16 @@ void write_text_file(const fs::path& path, std::string_view content) {
   }
 }
 
+void expect_writable(const fs::path& folder) {
+  std::error_code error;
+  fs::path there = fs::absolute(folder, error);
+  while (!fs::exists(there, error) && there.has_relative_path()) there = there.parent_path();
+  const std::string where = folder.string() + ": nothing can be written there, for " + there.string();
+  if (!fs::is_directory(there, error)) throw ConfigError(where + " is no folder; choose another one with --out");
+  if (::access(there.c_str(), W_OK | X_OK) != 0)
+    throw ConfigError(where + " is not writable (" + std::strerror(errno) + "); choose another one with --out");
+}
+
 void append_number(std::string& text, double value) {
   char buffer[32];
   text.append(buffer, std::to_chars(buffer, buffer + sizeof buffer, value).ptr);

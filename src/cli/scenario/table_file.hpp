@@ -17,6 +17,9 @@ std::string read_text_file(const std::filesystem::path& path);
 /// Makes the folders it needs. Throws ConfigError.
 void write_text_file(const std::filesystem::path& path, std::string_view content);
 
+/// Throws ConfigError if `folder` can hold nothing: to be told before the work and not after. Makes nothing.
+void expect_writable(const std::filesystem::path& folder);
+
 /// Shortest text that reads back as the same double, without regard to the locale.
 void append_number(std::string& text, double value);
 void append_number(std::string& text, std::uint64_t value);

@@ -174,6 +174,27 @@ TEST(Calibrate, AutoTakesTheTruthIfAllRunsHaveIt) {
   EXPECT_NE(test::config_error_of([&] { calibrate(options); }).find("truth"), std::string::npos);
 }
 
+TEST(Calibrate, ARunThatIsNamedTwiceCountsOnce) {
+  const test::TemporaryFolder folder;
+  CalibrateOptions options = options_for(folder, 1, "truth");
+  const CalibrationResult once = calibrate(options);
+  options.runs.push_back(options.runs[0] / "../" / options.runs[0].filename());
+  const CalibrationResult twice = calibrate(options);
+  EXPECT_EQ(twice.drives.size(), once.drives.size());
+  EXPECT_EQ(twice.fit.residuals, once.fit.residuals);
+  EXPECT_NE(calibration_text(twice).find("named twice, and counted once"), std::string::npos);
+}
+
+TEST(Calibrate, AnUnusableOutIsToldBeforeTheWork) {
+  const test::TemporaryFolder folder;
+  test::write(folder / "file", "");
+  CalibrateOptions options;
+  options.runs = {folder / "nowhere"};
+  options.out = folder / "file" / "drift.xml";
+  EXPECT_NE(test::config_error_of([&] { run_calibrate(options); }).find("nothing can be written there"),
+            std::string::npos);
+}
+
 TEST(Calibrate, TheFragmentIsAnElementThatSaysWhatWasFound) {
   const test::TemporaryFolder folder;
   CalibrateOptions options = options_for(folder, 2, "auto");

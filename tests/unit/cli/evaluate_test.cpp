@@ -184,6 +184,34 @@ TEST(Evaluate, DistancesCountFromTheFirstAssociation) {
   EXPECT_NEAR(*evaluation.pairs[0].distances[0].convoy_m, 25.0, 1e-9);
 }
 
+TEST(Evaluate, EachDistanceComesWithItsSamples) {
+  RunRecord<SE2> run = straight_run();
+  for (VehicleRecord<SE2>& vehicle : run.vehicles)
+    for (PoseRow<SE2>& row : vehicle.live) {
+      if (vehicle.id == 2) row.common->T = SE2(row.t_s, 5.3, 0.0);
+      if (vehicle.id == 2 && row.t_s < 50.0) row.slam->T = SE2(row.t_s, 40.0, 0.0);  // raw: 35 m, and 5 m later on
+      if (row.t_s > 52.0) row.common.reset();
+    }
+  let_them_hear_each_other(run);
+  run.vehicles[0].map = MapRecord<SE2>{};
+  run.vehicles[0].map->associations.push_back({2, 40.0, true, {pairing(1, 0, 2, 0)}});
+  json pair = evaluate(run).metrics.at("pairs")[0];
+  EXPECT_EQ(pair.at("distance_samples_raw"), 2 * 101);
+  EXPECT_EQ(pair.at("distance_samples"), 2 * 13);         // 40 to 52 s
+  EXPECT_EQ(pair.at("distance_samples_settled"), 2 * 3);  // 50 to 52 s
+  EXPECT_EQ(pair.at("distance_samples_corrected"), 2 * 101);
+  EXPECT_NEAR(pair.at("distance_rmse_raw_settled_m").get<double>(), 5.0, 1e-9);  // in the very same time
+  EXPECT_NEAR(pair.at("distance_rmse_raw_after_m").get<double>(), std::sqrt((10 * 35.0 * 35.0 + 3 * 25.0) / 13), 1e-9);
+  EXPECT_NEAR(pair.at("distance_error_final_m").get<double>(), 0.3, 1e-9);
+  EXPECT_EQ(pair.at("distance_error_final_s"), 52.0);
+  run.vehicles[0].map->associations[0].t_s = 60.0;  // after the last sample that could be compared
+  pair = evaluate(run).metrics.at("pairs")[0];
+  for (const char* key : {"distance_rmse_m", "distance_rmse_settled_m", "distance_rmse_raw_after_m",
+                          "distance_rmse_raw_settled_m", "distance_error_final_m", "distance_error_final_s"})
+    EXPECT_TRUE(pair.at(key).is_null()) << key;
+  EXPECT_EQ(pair.at("distance_samples"), 0);
+}
+
 TEST(Evaluate, LatencyIsNotError) {
   RunRecord<SE2> run = straight_run();
   let_them_hear_each_other(run);

@@ -4,8 +4,7 @@
 #include <gtest/gtest.h>
 #include <convoy/config_error.hpp>
 
-#include <cstdlib>
-
+#include "../../support/data_folder.hpp"
 #include "evaluate/truth.hpp"
 #include "fake_run.hpp"
 
@@ -70,8 +69,7 @@ TEST_P(DamagedMrclam, IsRefusedWithFileAndLine) {
 
 INSTANTIATE_TEST_SUITE_P(
     Mrclam, DamagedMrclam,
-    testing::Values(Damage{"Barcodes.dat", nullptr, " no such file"},
-                    Damage{"Landmark_Groundtruth.dat", nullptr, " no such file"},
+    testing::Values(Damage{"Landmark_Groundtruth.dat", nullptr, " no such file"},
                     Damage{"Robot1_Measurement.dat", nullptr, " no such file"},
                     Damage{"Barcodes.dat", "1 5\n2 5\n", "2: this barcode is given twice"},
                     Damage{"Barcodes.dat", "21 5\n", "1: the subject must be 1 to 20"},
@@ -87,16 +85,16 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(Mrclam, RefusesAFolderThatIsNone) {
   const TemporaryFolder folder;
   EXPECT_THAT(config_error_of([&] { load_mrclam(folder / "nowhere"); }), HasSubstr("nowhere: no such folder"));
+  EXPECT_THAT(config_error_of([&] { load_mrclam(folder.path()); }),
+              HasSubstr(folder.path().string() + ": holds no Barcodes.dat; give the folder of one MR.CLAM data set"));
   test::write(folder / "Barcodes.dat", "1 5\n");
   test::write(folder / "Landmark_Groundtruth.dat", "6 1 2 0 0\n");
   EXPECT_THAT(config_error_of([&] { load_mrclam(folder.path()); }), HasSubstr("holds no RobotN_Odometry.dat"));
 }
 
-/// The real recordings: $CONVOY_DATA_DIR/utias_mrclam, or ../shared/data beside the source tree.
+/// The real recordings, in utias_mrclam of the data folder.
 std::optional<fs::path> recorded(const char* set) {
-  const char* variable = std::getenv("CONVOY_DATA_DIR");
-  fs::path root = variable ? fs::path(variable) : fs::path(__FILE__).parent_path() / "../../../../shared/data";
-  root = root / "utias_mrclam" / set;
+  const fs::path root = convoy::test::data_folder() / "utias_mrclam" / set;
   return fs::exists(root / "Barcodes.dat") ? std::optional(root) : std::nullopt;
 }
 

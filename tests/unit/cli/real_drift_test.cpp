@@ -10,6 +10,7 @@
 #include <cstdlib>
 #include <optional>
 
+#include "../../support/data_folder.hpp"
 #include "consistency/draw.hpp"
 #include "consistency/real_drift_page.hpp"
 #include "fake_run.hpp"
@@ -353,6 +354,10 @@ TEST(RealDrift, IsLeftOutWithALineWithoutRecordings) {
   }
   EXPECT_THAT(config_error_of([&] { measure_real_drift(folder.path()); }),
               HasSubstr("holds no folder kitti_trajectories"));
+  EXPECT_THAT(config_error_of([&] { measure_real_drift(folder / "nowhere"); }), HasSubstr("nowhere: no such folder"));
+  const DataVariable empty(folder.path().c_str());
+  EXPECT_THAT(measure_real_drift({}).left_out,
+              HasSubstr("(CONVOY_DATA_DIR: " + folder.path().string() + ": holds no folder kitti_trajectories)"));
 }
 
 TEST(RealDrift, NamesTheFileThatIsDamaged) {
@@ -364,8 +369,7 @@ TEST(RealDrift, NamesTheFileThatIsDamaged) {
 }
 
 std::optional<fs::path> recordings() {
-  const char* variable = std::getenv("CONVOY_DATA_DIR");
-  const fs::path root = variable ? fs::path(variable) : fs::path(__FILE__).parent_path() / "../../../../shared/data";
+  const fs::path root = convoy::test::data_folder();
   for (const char* file : {"kitti_trajectories/gt/05.txt", "kitti_trajectories/slam_estimates/example_0_09.txt",
                            "pose_graphs/single/kitti_05.g2o", "pose_graphs/single/kitti_06.g2o"})
     if (!fs::exists(root / file)) return std::nullopt;

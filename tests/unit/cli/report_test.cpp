@@ -55,6 +55,14 @@ Page page_of(const Scenario<SE2>& scenario) {
   return page_of(folder.path());
 }
 
+/// The caption of the paper's figure `number`.
+std::string caption(const Page& page, int number) {
+  for (const Figure& figure : make_figures(page.run, page.evaluation))
+    if (figure.title.find("(paper, Fig. " + std::to_string(number) + ")") != std::string::npos) return figure.caption;
+  ADD_FAILURE() << "no figure " << number;
+  return {};
+}
+
 int count(const tinyxml2::XMLNode& node, const std::string& name) {
   int sum = node.ToElement() && node.Value() == name;
   for (const auto* child = node.FirstChild(); child; child = child->NextSibling()) sum += count(*child, name);
@@ -134,6 +142,37 @@ TEST(Report, HeadlineNamesVehiclesThatAreSuspect) {
   EXPECT_THAT(headline(page.run, m), HasSubstr("Back vehicle is SUSPECT: impersonated, innovation."));
 }
 
+TEST(Report, HeadlineSaysWhatTheDistancesRestOn) {
+  const Page page = page_of(street());
+  nlohmann::json m = page.evaluation.metrics;
+  nlohmann::json& pair = m["pairs"][0];
+  EXPECT_THAT(headline(page.run, m), HasSubstr("; " + pair["distance_samples_settled"].dump() + " samples)"));
+  pair["distance_samples_settled"] = 9;
+  EXPECT_THAT(headline(page.run, m), HasSubstr("live distances are not judged"));
+  EXPECT_THAT(headline(page.run, m), HasSubstr("there are at most 9 samples of a pair, and it takes 10"));
+  EXPECT_THAT(headline(page.run, m), HasSubstr("; landmarks are "));
+  EXPECT_THAT(headline(page.run, m), Not(HasSubstr("is known to")));
+  pair["first_association_s"] = nullptr;
+  EXPECT_THAT(headline(page.run, m), HasSubstr("no two vehicles were associated"));
+  pair["distance_samples_raw"] = 0;
+  EXPECT_THAT(headline(page.run, m), HasSubstr("no live distance between vehicles could be compared with a truth"));
+}
+
+TEST(Report, TooFewDistancesAreNamedInTileTableAndCaption) {
+  const test::TemporaryFolder folder;
+  test::FakeRun<SE2>(street(), folder.path()).write_all();
+  Page page = page_of(folder.path());
+  const std::string samples = page.evaluation.metrics["pairs"][0]["distance_samples_settled"].dump();
+  EXPECT_THAT(page.text, HasSubstr("(" + samples + ")</td>"));
+  EXPECT_THAT(page.text, Not(HasSubstr("too few")));
+  const double last_s = *page.evaluation.pairs[0].first_association_s + 12.0;
+  for (VehicleRecord<SE2>& vehicle : page.run.vehicles)
+    std::erase_if(vehicle.live, [&](const PoseRow<SE2>& row) { return row.t_s > last_s; });
+  page.evaluation = evaluate(page.run);
+  EXPECT_THAT(make_report(page.run, page.evaluation), HasSubstr("distance RMSE: too few samples"));
+  EXPECT_THAT(caption(page, 14), HasSubstr("Of 1 pair there are fewer than 10 such samples, too few to mean anything"));
+}
+
 TEST(Report, HeadlineCountsPairingsWithinAVehicleApart) {
   const Page page = page_of(street());
   nlohmann::json m = page.evaluation.metrics;
@@ -142,14 +181,6 @@ TEST(Report, HeadlineCountsPairingsWithinAVehicleApart) {
   m["associations"]["within_a_vehicle_false"] = 1;
   EXPECT_THAT(headline(page.run, m),
               HasSubstr("Of 12 landmark pairings between vehicles none is false, of 30 within a vehicle 1 is false"));
-}
-
-/// The caption of the paper's figure `number`.
-std::string caption(const Page& page, int number) {
-  for (const Figure& figure : make_figures(page.run, page.evaluation))
-    if (figure.title.find("(paper, Fig. " + std::to_string(number) + ")") != std::string::npos) return figure.caption;
-  ADD_FAILURE() << "no figure " << number;
-  return {};
 }
 
 TEST(Report, DriftCaptionsCountWhichEllipsesHoldTheTruth) {
@@ -198,6 +229,9 @@ TEST(Report, TheDistanceCaptionNamesTheReasonsOfGaps) {
   Page page = page_of(folder.path());
   EXPECT_THAT(caption(page, 14), Not(HasSubstr("has a gap")));
   EXPECT_THAT(caption(page, 14), HasSubstr("From ten seconds after the first association on, blue is off by 0."));
+  EXPECT_THAT(caption(page, 14),
+              HasSubstr(" m RMSE (" + page.evaluation.metrics["pairs"][0]["distance_samples_settled"].dump() +
+                        " samples of a pair)"));
   std::erase_if(page.run.vehicles[1].truth,
                 [](const TruthPose<SE2>& pose) { return pose.t_s > 50.0 && pose.t_s < 60.0; });
   for (PoseRow<SE2>& row : page.run.vehicles[0].live)

@@ -92,6 +92,20 @@ TEST(Solve, SolvesInSpaceInBatchAndIncrementally) {
   }
 }
 
+TEST(Solve, AnUnusableOutIsToldBeforeTheGraphIsRead) {
+  const TemporaryFolder folder;
+  test::write(folder / "file", "");
+  SolveOptions options;
+  options.graph = folder / "nowhere.g2o";
+  options.out = folder / "file/below/out";
+  EXPECT_THAT(config_error_of([&] { solve_graph(options); }),
+              HasSubstr("file/below/out: nothing can be written there, for " + (folder / "file").string() +
+                        " is no folder; choose another one with --out"));
+  options.out = folder / "new/out";
+  EXPECT_THAT(config_error_of([&] { solve_graph(options); }), HasSubstr("nowhere.g2o: cannot be read"));
+  EXPECT_FALSE(std::filesystem::exists(folder / "new"));
+}
+
 TEST(Solve, RefusesWhatItCannotDo) {
   const TemporaryFolder folder;
   SolveOptions options;

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <fstream>
+#include <iterator>
 #include <limits>
 
 namespace convoy {
@@ -80,6 +81,32 @@ TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
   EXPECT_EQ(back.sensors.fix_lever[0], -1.25);
 }
 
+TEST_F(VehicleConfigTest, NumbersAreWrittenToTheBitAndShort) {
+  for (const double value : {0.1, 1.0 / 3.0, 1e-300, 5e-324, 123456789.123456789, 3e-7, 0.1 + 0.2}) {
+    VehicleConfig<SE2> c;
+    c.vehicle.id = 3;
+    c.vehicle.drift.gamma = value;
+    save_vehicle_config(c, file_);
+    EXPECT_EQ(load_vehicle_config<SE2>(file_).vehicle.drift.gamma, value);
+  }
+  VehicleConfig<SE2> c;
+  c.vehicle.id = 3;
+  c.vehicle.drift.gamma = 0.1;
+  save_vehicle_config(c, file_);
+  std::ifstream in(file_);
+  const std::string text{std::istreambuf_iterator<char>(in), {}};
+  EXPECT_THAT(text, HasSubstr("gamma=\"0.1\""));  // and not 0.10000000000000001
+}
+
+// Which entry of an element that spans lines it is.
+TEST_F(VehicleConfigTest, AnEntryOutOfRangeIsNamedWithItsOwnLine) {
+  EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<map period_s=\"1\"\n residual=\"2\"/></convoy>\n"),
+              HasSubstr("4: <map residual> must lie in (0, 1) (it is 2)"));
+  EXPECT_THAT(
+      refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<repair grace_s=\"1\"\n max_ranges=\"65\"/></convoy>\n"),
+      HasSubstr("4: <repair max_ranges> must lie in 1..64 (it is 65)"));
+}
+
 TEST_F(VehicleConfigTest, AFleetInSpaceIsSavedAndReadBack) {
   VehicleConfig<SE3> c;
   c.vehicle.id = 3;
@@ -143,6 +170,19 @@ TEST_F(VehicleConfigTest, NothingButOneRootIsAccepted) {
   EXPECT_THAT(refusal(""), HasSubstr("1: not well-formed XML"));
 }
 
+TEST_F(VehicleConfigTest, BrokenXmlIsExplainedInWords) {
+  const std::pair<const char*, const char*> cases[] = {
+      {"", "1: not well-formed XML: the file is empty"},
+      {"<convoy", "1: not well-formed XML: an element is cut"},
+      {"<convoy version=\"1\">\n<vehicle id=\"1\">\n</convoy>\n", "an element is closed by another name or not at all"},
+      {"<convoy version=\"1\"><vehicle id=1/></convoy>\n", "an entry is malformed; write name=\"value\""},
+      {"<!-- <convoy version=\"1\">\n", "a comment has no end"}};
+  for (const auto& [text, words] : cases) {
+    EXPECT_THAT(refusal(text), HasSubstr(words)) << text;
+    EXPECT_THAT(refusal(text), testing::Not(HasSubstr("XML_ERROR"))) << text;
+  }
+}
+
 TEST_F(VehicleConfigTest, TheVersionIsOneAndTheRootHasNothingElse) {
   for (const std::string version : {"1.9", "01", "1 ", "2", "", "one"})
     EXPECT_THAT(refusal("<convoy version=\"" + version + "\">\n<vehicle id=\"1\"/></convoy>\n"),
@@ -203,7 +243,11 @@ INSTANTIATE_TEST_SUITE_P(
         OutOfRange{"vehicle", "searches_per_step=\"0\"", "be 1 or more"},
         OutOfRange{"vehicle", "live_period_s=\"0\"", "be > 0"},
         OutOfRange{"map", "period_s=\"-1\"", "<map period_s> must be > 0"},
-        OutOfRange{"map", "min_pairings=\"2\"", "be 3 or more"}, OutOfRange{"map", "residual=\"1\"", "lie in (0, 1)"},
+        OutOfRange{"map", "min_pairings=\"2\"",
+                   "<map min_pairings> must be 3 or more; two pairs align with anything (it is 2)"},
+        OutOfRange{"map", "scale_slack=\"-1\"", "<map scale_slack> must be >= 0 (it is -1)"},
+        OutOfRange{"repair", "batch_limit=\"0\"", "<repair batch_limit> must lie in 1..64 (it is 0)"},
+        OutOfRange{"map", "residual=\"1\"", "lie in (0, 1)"},
         OutOfRange{"map", "backend=\"paper\"", "'paper' must be sparse or ekf"},
         OutOfRange{"repair", "digest_period_s=\"0\"", "be > 0"},
         OutOfRange{"repair", "max_ranges=\"65\"", "lie in 1..64"},

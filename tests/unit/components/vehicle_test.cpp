@@ -88,6 +88,14 @@ class VehicleTest : public ::testing::Test {
   std::unique_ptr<Vehicle<SE2>> vehicle_;
 };
 
+TEST_F(VehicleTest, ParametersOutOfRangeAreRefusedAtOnce) {
+  params_.submaps.selection.residual = 1.0;
+  EXPECT_EQ(text_of([this] { vehicle(); }), "map: residual must lie in (0, 1) (it is 1)");
+  params_.submaps.selection = {};
+  params_.submaps.repair.batch_limit = 65;
+  EXPECT_EQ(text_of([this] { vehicle(); }), "repair: batch_limit must lie in 1..64 (it is 65)");
+}
+
 TEST_F(VehicleTest, AbsoluteFixesBecomeFactsAndUnfitOnesAreCounted) {
   const SE2::PointCovariance metre = SE2::PointCovariance::Identity();
   EXPECT_FALSE(vehicle().feed_absolute_fix({0.5, 0.0}, {100.0, 200.0}, metre)) << "unconfigured";

@@ -304,17 +304,73 @@ TEST(ConsistencyParts, CommandWritesJsonAndPage) {
   EXPECT_THROW(measure_consistency(options), ConfigError);
 }
 
+TEST(ConsistencyParts, AControlFailsOnItsOwnSideAlone) {
+  ExactVerdict v;
+  v.steps = 10;
+  v.steps_in_band = 0.5;
+  v.coverage95 = 0.95;
+  v.anees = 0.7;
+  EXPECT_FALSE(fails_on(Side::overconfident, v));
+  EXPECT_TRUE(fails_on(Side::cautious, v));
+  v.anees = 1.4;
+  EXPECT_TRUE(fails_on(Side::overconfident, v));
+  EXPECT_FALSE(fails_on(Side::cautious, v));
+  v.steps_in_band = 1.0;
+  EXPECT_FALSE(fails_on(Side::overconfident, v));
+}
+
+TEST(ConsistencyParts, FewRunsAreSaidToDecideNothing) {
+  ConsistencyResult result;
+  EXPECT_NE(consistency_page(result).find("Nothing of the verdict was measured"), std::string::npos);
+  result.demands.push_back({"d", "a", "m", true, true, ""});
+  result.options.runs = enough_runs;
+  EXPECT_TRUE(to_json(result)["enough_runs"].get<bool>());
+  EXPECT_EQ(consistency_page(result).find("decide nothing"), std::string::npos);
+  result.options.runs = enough_runs - 1;
+  EXPECT_FALSE(to_json(result)["enough_runs"].get<bool>());
+  EXPECT_NE(consistency_page(result).find(few_runs_words(enough_runs - 1)), std::string::npos);
+}
+
+TEST(ConsistencyParts, OnlyWhatIsAskedForIsMeasured) {
+  ConsistencyOptions options;
+  options.runs = 2;
+  options.progress = false;
+  options.only = "2-D exact model, figure-eight";
+  const ConsistencyResult result = measure_consistency(options);
+  ASSERT_EQ(result.rows.size(), 2U);  // of one vehicle and of two
+  for (const Row& row : result.rows) {
+    EXPECT_EQ(row.dim, 2);
+    EXPECT_EQ(row.scenario.substr(0, 12), "figure-eight");
+  }
+  EXPECT_EQ(result.demands.size(), 2U);  // judged together
+  EXPECT_EQ(result.controls.size(), 2U);
+  EXPECT_EQ(to_json(result)["only"], options.only);
+  EXPECT_NE(consistency_page(result).find(options.only), std::string::npos);
+  EXPECT_NE(result.real_drift.left_out.find("by --only"), std::string::npos);
+  options.only = "4-D";
+  try {
+    measure_consistency(options);
+    FAIL();
+  } catch (const ConfigError& error) {
+    const std::string what = error.what();
+    EXPECT_NE(what.find("--only '4-D': in the name of no scenario"), std::string::npos) << what;
+    EXPECT_NE(what.find("\n  3-D EKF-SLAM, loop, 2 vehicles\n"), std::string::npos) << what;
+  }
+}
+
 TEST(ConsistencyParts, VerdictNeedsTheControlsToFail) {
   ConsistencyResult result;
   result.demands.push_back({"d", "a", "m", true, true, ""});
-  result.controls.push_back({"c", "m", true});
+  result.controls.push_back({"c", "m", Side::overconfident, true});
   EXPECT_TRUE(result.pass());
   EXPECT_TRUE(result.all_met());
   result.demands.push_back({"beside", "a", "m", false, false, "known"});
   EXPECT_TRUE(result.pass());
   EXPECT_FALSE(result.all_met());
   EXPECT_NE(consistency_page(result).find("miss"), std::string::npos);
-  result.controls.push_back({"c2", "m", false});
+  EXPECT_EQ(to_json(result)["demands"][0]["reason"], "");
+  EXPECT_EQ(to_json(result)["demands"][1]["reason"], "known");  // why a miss is one
+  result.controls.push_back({"c2", "m", Side::cautious, false});
   EXPECT_FALSE(result.pass());
   EXPECT_FALSE(to_json(result)["pass"].get<bool>());
   result.controls.pop_back();

@@ -63,6 +63,23 @@ INSTANTIATE_TEST_SUITE_P(Entries, UnusableImpairment,
                                          "jitter=fast", "seed=-1", "Loss=0.3", " loss=0.3", "speed=3", "=1",
                                          "loss=0.1=0.2"));
 
+TEST(Impairment, TheFaultIsNamed) {
+  const auto fault_of = [](const char* text) -> std::string {
+    try {
+      Impairment::parse(text);
+    } catch (const ConfigError& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  EXPECT_THAT(fault_of("loss=abc"), HasSubstr("cannot use 'loss=abc' ('abc' is no number)"));
+  EXPECT_THAT(fault_of("loss="), HasSubstr("('' is no number)"));
+  EXPECT_THAT(fault_of("loss"), HasSubstr("(no '=')"));
+  EXPECT_THAT(fault_of("speed=3"), HasSubstr("(no such entry)"));
+  EXPECT_THAT(fault_of("seed=0.5"), HasSubstr("(the seed is a whole number from 0 on)"));
+  EXPECT_THAT(fault_of("loss=2"), HasSubstr("(loss is 2; it must lie in [0, 1))"));
+}
+
 TEST(Impairment, OneValidationServesTheCommandTheFileAndTheHost) {
   EXPECT_NO_THROW(validate(Impairment{.loss = 0.999, .duplicate = 1.0, .delay_s = 3600.0, .jitter_s = 0.0}));
   const double nan = std::nan("");

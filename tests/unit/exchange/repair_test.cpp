@@ -1,3 +1,4 @@
+#include <convoy/config_error.hpp>
 #include <convoy/exchange/in_process.hpp>
 #include <convoy/exchange/repair.hpp>
 
@@ -392,6 +393,30 @@ TEST(Repair, DigestsOfStrangersAskForNothing) {
   repair.on_digest(store, {2, {{chain_of(66), FactKind::anchor, 1000, 1000, 1}}, 0, 0, 0, 0});
   EXPECT_EQ(store.missing_count(), 0U);
   for (double now_s = 0.0; now_s < 20.0; now_s += step_s) EXPECT_TRUE(repair.due(store, now_s).empty());
+}
+
+TEST(Repair, RefusesParametersOutOfRange) {
+  const auto refusal = [](auto change) -> std::string {
+    RepairParams params;
+    change(params);
+    try {
+      RepairProtocol<SE2> repair(chain_of(1), params, 1);
+    } catch (const RangeError& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  using P = RepairParams;
+  EXPECT_EQ(refusal([](P&) {}), "accepted");
+  EXPECT_EQ(refusal([](P& p) { p.digest_period_s = 0.0; }), "repair: digest_period_s must be > 0 (it is 0)");
+  EXPECT_EQ(refusal([](P& p) { p.grace_s = -1.0; }), "repair: grace_s must be >= 0 (it is -1)");
+  EXPECT_EQ(refusal([](P& p) { p.backoff_min_s = 0.0; }), "repair: backoff_min_s must be > 0 (it is 0)");
+  EXPECT_EQ(refusal([](P& p) { p.backoff_max_s = 0.25; }),
+            "repair: backoff_max_s must be at least backoff_min_s (it is 0.25)");
+  EXPECT_EQ(refusal([](P& p) { p.relay_delay_s = NAN; }), "repair: relay_delay_s must be >= 0 (it is nan)");
+  EXPECT_EQ(refusal([](P& p) { p.max_ranges = 65; }), "repair: max_ranges must lie in 1..64 (it is 65)");
+  EXPECT_EQ(refusal([](P& p) { p.answers_per_s = 0.0; }), "repair: answers_per_s must be > 0 (it is 0)");
+  EXPECT_EQ(refusal([](P& p) { p.batch_limit = 0; }), "repair: batch_limit must lie in 1..64 (it is 0)");
 }
 
 }  // namespace

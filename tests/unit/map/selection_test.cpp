@@ -1,3 +1,4 @@
+#include <convoy/config_error.hpp>
 #include <convoy/map/selection.hpp>
 
 #include "sample_fleet.hpp"
@@ -5,6 +6,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <string>
 
 namespace convoy {
 namespace {
@@ -253,6 +256,35 @@ TEST(Select, LeavesOutWhatTheMapExcluded) {
   const auto selection = select(place.fleet.store(), unconfirmed_too, Exclusions{{id}, {}, {}});
   EXPECT_EQ(state_of(selection, id), HypothesisState::map_residual);
   EXPECT_TRUE(selection.classes.empty());
+}
+
+TEST(Select, RefusesParametersOutOfRange) {
+  const auto refusal = [](auto change) -> std::string {
+    SelectionParams params;
+    change(params);
+    try {
+      Selector<SE2> selector(params);
+    } catch (const RangeError& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  using P = SelectionParams;
+  EXPECT_EQ(refusal([](P&) {}), "accepted");
+  EXPECT_EQ(refusal([](P& p) { p.min_pairings = 2; }),
+            "map: min_pairings must be 3 or more; two pairs align with anything (it is 2)");
+  EXPECT_EQ(refusal([](P& p) { p.residual = 0.0; }), "map: residual must lie in (0, 1) (it is 0)");
+  EXPECT_EQ(refusal([](P& p) { p.map_residual = 1.5; }), "map: map_residual must lie in (0, 1) (it is 1.5)");
+  EXPECT_EQ(refusal([](P& p) { p.max_runner_up_share = 2.0; }),
+            "map: max_runner_up_share must lie in (0, 1] (it is 2)");
+  EXPECT_EQ(refusal([](P& p) { p.slack.scale = -1.0; }), "map: scale_slack must be >= 0 (it is -1)");
+  EXPECT_EQ(refusal([](P& p) { p.slack.heading_rad_per_m = NAN; }),
+            "map: heading_slack_rad_per_m must be >= 0 (it is nan)");
+  EXPECT_EQ(refusal([](P& p) { p.min_confirmed = 0; }),
+            "map: min_confirmed must be 1 or more; 1 trusts the first association (it is 0)");
+  EXPECT_EQ(refusal([](P& p) { p.separation = 1.0; }), "map: separation must lie in (0, 1) (it is 1)");
+  EXPECT_EQ(refusal([](P& p) { p.fix_correlation_s = -60.0; }), "map: fix_correlation_s must be >= 0 (it is -60)");
+  EXPECT_EQ(refusal([](P& p) { p.fix_residual = NAN; }), "map: fix_residual must lie in (0, 1) (it is nan)");
 }
 
 }  // namespace

@@ -86,6 +86,9 @@ INSTANTIATE_TEST_SUITE_P(
     G2o, DamagedG2o,
     testing::Values(Damage{"", " holds no edge"}, Damage{VERTICES, " holds no edge"},
                     Damage{"VERTEX_XY 0 0 0\n", "1: the tag 'VERTEX_XY' is not known"},
+                    Damage{"\x7f\x1b[31m\xc3\xa4z 0\n", "1: the tag '??[31m??z' is not known"},
+                    Damage{"VERTEX_VERTEX_VERTEX_VERTEX_VERTEX_VERTEX_VERTEX\n",
+                           "1: the tag 'VERTEX_VERTEX_VERTEX_VERTEX_VERTEX_VERTE...' is"},
                     Damage{"VERTEX_SE2 0 0 0\n", "1: the line has 4 fields, VERTEX_SE2 has 5"},
                     Damage{"VERTEX_SE2 0 0 0 0 0\n", "1: the line has 6 fields"},
                     Damage{"VERTEX_SE2 -1 0 0 0\n", "1: field 2 is '-1'; it must be an id"},
@@ -114,6 +117,18 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(G2o, UnitsOfTheInformationDoNotMatter) {
   const G2oFile file = parse_g2o(VERTICES "EDGE_SE2 0 1 1 0 0 1e12 0 1 1e-9 0 1e-3\n", "scaled.g2o");
   EXPECT_EQ(file.edges[0].information(1, 1), 1e-9);
+}
+
+TEST(G2o, RefusesABinaryFile) {
+  try {
+    parse_g2o({"\x7f"
+               "ELF\x02\0\0",
+               7},
+              "program");
+    FAIL() << "accepted";
+  } catch (const ConfigError& error) {
+    EXPECT_STREQ(error.what(), "program: a binary file; give a g2o file, which is text");
+  }
 }
 
 TEST(G2o, RefusesAFileThatIsNotThere) {
