@@ -116,8 +116,8 @@ std::string distance_findings(const Evaluation<G>& evaluation, const std::vector
   if (few > 0)
     text += " Of " + std::to_string(few) + (few == 1 ? " pair" : " pairs") + " there are fewer than " +
             std::to_string(enough_distance_samples) +
-            " such samples, too few to mean anything: the run ended soon after the association, or the machine did not "
-            "keep up with --rate.";
+            " samples from ten seconds after the first association on, too few to mean anything: the run ended soon "
+            "after it, or the machine did not keep up with --rate.";
   std::size_t after = 0, not_aligned = 0, without_peer = 0, without_truth = 0;
   for (const PairSeries* pair : pairs) {
     for (const DistanceSample& sample : pair->distances) {
