@@ -142,6 +142,16 @@ TYPED_TEST(Misfits, WhatABatchSaysOfAClassIsNotHeldAgainstItself) {
   }
 }
 
+// Beyond the gate, but a neighbour 1 m away and a class 1 m away are not what it could be.
+TYPED_TEST(Misfits, APoorFitAloneMakesNone) {
+  Yard<TypeParam> yard(3);
+  const Key off = yard.see(1, yard.at(0.45)), its = yard.see(2, yard.at(0.0)), other = yard.see(2, yard.at(0.0, -1.0));
+  yard.see(1, yard.at(0.0, 1.0));
+  yard.associate(1, 2, {{off, its}});
+  yard.associate(2, 3, {{other, yard.see(3, yard.at(0.0, -1.0))}});
+  EXPECT_EQ(yard.misfits(), Keys());
+}
+
 // 0.4 m from where 2 and 3 together put their class, 0.2 m from where 2 alone does.
 TYPED_TEST(Misfits, WhatWasTakenOffForABatchIsThereForTheNext) {
   Yard<TypeParam> yard(4);
