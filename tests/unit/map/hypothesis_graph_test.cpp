@@ -120,5 +120,100 @@ TYPED_TEST(HypothesisGraphs, OfNothingIsEmpty) {
   EXPECT_TRUE(graph.outliers(0.99).empty());
 }
 
+// ---- graphs of next to nothing ----
+
+/// Pairs of vehicles without error, each with a start that nobody knows, that meet twice in one place each time. Every
+/// vehicle ends where it began.
+template <class G>
+class SmallGraphs : public testing::Test {
+ protected:
+  SmallGraphs() : fleet(5, 0.0) {
+    for (const VehicleId v : {1U, 2U, 3U, 4U}) {
+      fleet.start(v, test::on_the_street<G>(0.0, 3.0 * v, 0.3));
+      for (const double x_m : {0.0, 15.0, 1.0}) fleet.stop(v, test::on_the_street<G>(x_m, 3.0 * v, 0.2 * x_m));
+    }
+  }
+  Hash meet(VehicleId v, std::uint32_t k, VehicleId w, std::uint32_t m) {
+    return fleet.associate(w, fleet.common(test::key_of(v, k), test::key_of(w, m), 8));
+  }
+  /// As the map of what was stated, but of those named says that their batches lie elsewhere, `metres` to the left.
+  std::set<Hash> outliers(const std::map<Hash, double>& lies = {}) {
+    const FactStore<G> store = fleet.store();
+    Selection<G> selection = select(store, test::unconfirmed_too);
+    map = SparseMap<G>().solve(build_problem<G>(store, selection));
+    for (Hypothesis<G>& h : selection.hypotheses) {
+      EXPECT_EQ(h.state, HypothesisState::accepted);
+      h.alignment.P = test::each<G>(1e-2, 1e-4).asDiagonal();  // all alike
+      if (const auto lie = lies.find(h.id); lie != lies.end())
+        h.alignment.T_a_b = G::Exp(lie->second * test::each<G>(1.0, 0.0)) * h.alignment.T_a_b;
+    }
+    const HypothesisGraph<G> graph(*map, selection);
+    left_out = graph.leave_one_out();
+    return graph.outliers(0.9999);
+  }
+
+  test::SampleFleetOf<G> fleet;
+  std::unique_ptr<Map<G>> map;
+  std::vector<std::pair<double, int>> left_out;
+};
+TYPED_TEST_SUITE(SmallGraphs, Groups);
+
+TYPED_TEST(SmallGraphs, WithoutHypothesesThereIsNothingToLeaveOut) {
+  EXPECT_TRUE(this->outliers().empty());
+  EXPECT_TRUE(this->left_out.empty());
+  ASSERT_FALSE(this->map->poses().empty());
+}
+
+// Whatever it says: there is nothing else that ties its chains.
+TYPED_TEST(SmallGraphs, TheOnlyOneContradictsNothing) {
+  const Hash only = this->meet(1, 1, 2, 1);
+  EXPECT_TRUE(this->outliers({{only, 50.0}}).empty());
+  ASSERT_EQ(this->left_out.size(), 1U);
+  EXPECT_EQ(this->left_out[0].second, 0);
+}
+
+// One of them is wrong, and nothing says which.
+TYPED_TEST(SmallGraphs, OfTwoThatContradictEachOtherEquallyNeitherStays) {
+  const Hash one = this->meet(1, 1, 2, 1), other = this->meet(1, 3, 2, 3);
+  ASSERT_TRUE(this->outliers().empty());
+  EXPECT_EQ(this->left_out[0].second, TypeParam::Dof);
+  for (const Hash liar : {one, other}) EXPECT_EQ(this->outliers({{liar, 20.0}}), (std::set{one, other}));
+}
+
+TYPED_TEST(SmallGraphs, AThirdTellsWhichOfTwoIsWrong) {
+  const Hash liar = this->meet(1, 1, 2, 1);
+  this->meet(1, 3, 2, 3);
+  this->meet(1, 1, 2, 3);
+  EXPECT_EQ(this->outliers({{liar, 20.0}}), std::set{liar});
+}
+
+// Those that nothing connects have no say in each other.
+TYPED_TEST(SmallGraphs, ChainsThatNothingConnectsAreJudgedByThemselves) {
+  const Hash liar = this->meet(1, 1, 2, 1), victim = this->meet(1, 3, 2, 3);
+  this->meet(3, 1, 4, 1);
+  this->meet(3, 3, 4, 3);
+  EXPECT_EQ(this->outliers({{liar, 20.0}}), (std::set{liar, victim}));
+}
+
+// The first two go at once, and vehicle 2 hangs on nothing while the others are weighed. Where it starts then, the one
+// that does not lie fits: it may come back.
+TYPED_TEST(SmallGraphs, AChainThatHangsOnNothingOnTheWaySpoilsNoOther) {
+  const Hash liar = this->meet(1, 1, 2, 1), victim = this->meet(1, 3, 2, 3);
+  const Hash slight = this->meet(3, 1, 4, 3);
+  this->meet(3, 1, 4, 1);
+  this->meet(3, 3, 4, 3);
+  auto outliers = this->outliers({{liar, 200.0}, {slight, 3.0}});
+  outliers.erase(victim);
+  EXPECT_EQ(outliers, (std::set{liar, slight}));
+}
+
+// A place that a vehicle comes back to: its own drift tells.
+TYPED_TEST(SmallGraphs, WithinOneChainTheDriftIsTheJudge) {
+  const Hash loop = this->meet(1, 1, 1, 3);
+  EXPECT_TRUE(this->outliers().empty());
+  EXPECT_EQ(this->left_out[0].second, TypeParam::Dof);
+  EXPECT_EQ(this->outliers({{loop, 20.0}}), std::set{loop});
+}
+
 }  // namespace
 }  // namespace convoy

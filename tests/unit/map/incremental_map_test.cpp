@@ -187,6 +187,92 @@ TYPED_TEST(IncrementalMaps, GoOnFromAnotherSolution) {
   EXPECT_LT(difference(*map, *exact).sigmas, 0.1);
 }
 
+// ---- a chain that may be anywhere else starts where its canonical start is: nothing there is to be moved ----
+
+/// Vehicles without error, far apart in frames of their own, that see two places together.
+template <class G>
+class FarFrames {
+ public:
+  explicit FarFrames(const std::vector<VehicleId>& known_starts, VehicleId late_prior = 0) : fleet_(9, 0.0) {
+    for (const VehicleId v : {1U, 2U, 3U}) {
+      const bool known = std::count(known_starts.begin(), known_starts.end(), v) > 0;
+      fleet_.start(v, test::on_the_street<G>(60.0 - 50.0 * v, 20.0 * v, 2.5 - v),
+                   known ? test::known_start_of<G> : G::Tangent::Zero());
+      for (const double x_m : {0.0, 12.0}) fleet_.stop(v, test::on_the_street<G>(x_m, 2.0 * v, 0.8 * v));
+    }
+    // Fixes of 3, too few to place it, and of 1.
+    for (const VehicleId v : {1U, 3U})
+      for (const std::uint32_t k : {1U, 2U}) fleet_.fix(key_of(v, k), v == 1 ? 0.1 : 5.0);
+    for (const auto& fact : fleet_.facts)
+      if (const auto* prior = std::get_if<PriorFact<G>>(&fact); prior && prior->key.chain.vehicle == late_prior)
+        late = *prior;
+      else test::insert(store, fact);
+  }
+  void meet(VehicleId v, VehicleId w) {
+    for (const std::uint32_t k : {1U, 2U}) {
+      fleet_.associate(w, fleet_.common(key_of(v, k), key_of(w, k)));
+      test::insert(store, fleet_.facts.back());
+    }
+  }
+  std::unique_ptr<Map<G>> solve() {
+    SelectionParams params;
+    params.fix_correlation_s = 1.0;
+    return incremental.solve(build_problem<G>(store, select(store, params)));
+  }
+  static const ChainSpan& span(const Map<G>& map, VehicleId v) { return map.problem().chains.at(v - 1); }
+
+  FactStore<G> store;
+  IncrementalMap<G> incremental;
+  PriorFact<G> late;
+
+ private:
+  test::SampleFleetOf<G> fleet_;
+};
+
+template <class G>
+void expect_started_there(const FarFrames<G>& fleet, Map<G>& map) {
+  EXPECT_FALSE(fleet.incremental.last().from_start);
+  EXPECT_EQ(fleet.incremental.last().iterations, 1);
+  EXPECT_LT(difference(map, *SparseMap<G>().solve(map.problem())).sigmas, 0.1);
+}
+
+TYPED_TEST(IncrementalMaps, AChainThatBecomesAlignedStartsAnew) {
+  FarFrames<TypeParam> fleet({1});
+  const auto before = fleet.solve();
+  fleet.meet(1, 2);
+  const auto after = fleet.solve();
+  ASSERT_FALSE(fleet.span(*before, 2).aligned);
+  ASSERT_TRUE(fleet.span(*after, 2).aligned);
+  expect_started_there(fleet, *after);
+}
+
+// Placed from its own start before and after.
+TYPED_TEST(IncrementalMaps, AChainWhoseStaticBiasArrivesStartsAnew) {
+  FarFrames<TypeParam> fleet({1, 3}, 3);
+  const auto before = fleet.solve();
+  fleet.store.insert(fleet.late);
+  const auto after = fleet.solve();
+  ASSERT_FALSE(fleet.span(*before, 3).aligned);
+  ASSERT_TRUE(fleet.span(*after, 3).aligned);
+  ASSERT_EQ(fleet.span(*before, 3).placed_from, fleet.span(*after, 3).placed_from);
+  ASSERT_EQ(fleet.span(*before, 3).end - fleet.span(*before, 3).first, 3);
+  expect_started_there(fleet, *after);
+}
+
+// In the common frame before and after, but another one.
+TYPED_TEST(IncrementalMaps, AChainThatIsPlacedFromElsewhereStartsAnew) {
+  FarFrames<TypeParam> fleet({});
+  fleet.meet(2, 3);
+  const auto before = fleet.solve();
+  fleet.meet(1, 2);
+  const auto after = fleet.solve();
+  for (const auto& [map, from] : {std::pair{before.get(), 2U}, std::pair{after.get(), 1U}}) {
+    ASSERT_TRUE(fleet.span(*map, 3).aligned);
+    ASSERT_EQ(fleet.span(*map, 3).placed_from, test::chain_of(from));
+  }
+  expect_started_there(fleet, *after);
+}
+
 // A filter at one moment, before and after a sighting moved it: two places of one anchor, abscissa and stamp. The later
 // fact sorts before the earlier one.
 TEST(IncrementalMap, TwoPlacesOfOneMomentAreTwoUnknowns) {
