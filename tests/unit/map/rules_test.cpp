@@ -7,6 +7,9 @@
 
 #include <algorithm>
 #include <set>
+#include <type_traits>
+#include <utility>
+#include <vector>
 
 namespace convoy {
 namespace {
@@ -239,6 +242,94 @@ TYPED_TEST(Rules, ARestartSharesNothingWithTheEpochBefore) {
     moved[after.map->problem().nodes[n].anchor] = after.map->poses()[n];
   for (std::size_t n = 0; n < before.map->poses().size(); ++n)
     EXPECT_LT((before.map->poses()[n].inverse() * moved.at(before.map->problem().nodes[n].anchor)).Log().norm(), 1e-9);
+}
+
+// ---- R2: an association says which landmarks are the same, and no number ----
+
+// A fact with one field more does not come apart into these two, and this does not compile.
+TEST(AnAssociation, IsItsKeyAndPairsOfKeys) {
+  const auto& [key, pairings] = AssociationFact{};
+  static_assert(std::is_same_v<decltype(key), const Key>);
+  static_assert(std::is_same_v<decltype(pairings), const std::vector<std::pair<Key, Key>>>);
+}
+
+// What two batches say of each other was computed from the landmarks, which have their say themselves.
+TYPED_TEST(Rules, WhatTiesChainsIsTheirLandmarksAlone) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(26);
+  const FactStore<G> store = fleet.store();
+  const auto global = built(store);
+  const Problem<G>& problem = global.map->problem();
+  const auto anchor_of = [&](int n) { return problem.nodes[static_cast<std::size_t>(n)].anchor; };
+  ASSERT_GE(global.selection.classes.size(), 20U);
+  EXPECT_EQ(problem.landmarks.size(), global.selection.classes.members().size());
+  for (const LandmarkFactor<G>& f : problem.landmarks) {
+    const LandmarkFact<G>& fact = *store.landmark(f.landmark);
+    EXPECT_EQ(anchor_of(f.node), fact.anchor_key());
+    EXPECT_EQ(f.position, fact.position);
+    EXPECT_LT((f.covariance - fact.covariance).norm(), 1e-5);  // but for the floor
+  }
+  for (const DriftFactor<G>& f : problem.drifts) {
+    const Increment<G> own = increment(fleet.anchor(anchor_of(f.a)).state, fleet.anchor(anchor_of(f.b)).state);
+    EXPECT_EQ(anchor_of(f.a).chain, anchor_of(f.b).chain);
+    EXPECT_EQ(f.motion.translation(), own.motion.translation());
+    EXPECT_EQ(f.covariance, own.covariance);
+  }
+  EXPECT_EQ(problem.drifts.size(), problem.nodes.size() - problem.chains.size());
+  EXPECT_EQ(problem.priors.size(), problem.chains.size());
+}
+
+/// The fleet's associations, and its facts without them.
+template <class G>
+std::pair<std::vector<AssociationFact>, SampleFleetOf<G>> parted(SampleFleetOf<G> fleet) {
+  std::vector<AssociationFact> stated;
+  std::erase_if(fleet.facts, [&](const FactOf<G>& fact) {
+    const auto* a = std::get_if<AssociationFact>(&fact);
+    if (a != nullptr) stated.push_back(*a);
+    return a != nullptr;
+  });
+  return {stated, fleet};
+}
+
+TYPED_TEST(Rules, WhoStatesAnAssociationAndAsWhichOfHisDoesNotMatter) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(27);
+  const auto [stated, bare] = parted(fleet);
+  auto facts = bare.facts;
+  std::uint32_t index = 0;
+  for (auto a = stated.rbegin(); a != stated.rend(); ++a, ++index)
+    facts.emplace_back(test::association(1 + index % 3, index / 3, a->pairings));
+  const auto other = built(SampleFleetOf<G>::store_of(facts)), reference = built(fleet.store());
+  ASSERT_GE(reference.selection.classes.size(), 20U);
+  EXPECT_EQ(other.facts, reference.facts);
+  expect_same_bits(other, reference);
+}
+
+// A pair that is stated in two lists is no better known, nor is a batch that is spoken of twice.
+TYPED_TEST(Rules, HowPairsAreCutIntoListsDoesNotMatter) {
+  using G = TypeParam;
+  const auto fleet = test::street_fleet<G>(28);
+  auto [stated, cut] = parted(fleet);
+  int parts = 0;
+  for (const AssociationFact& a : stated) {
+    const auto n = static_cast<std::ptrdiff_t>(a.pairings.size());
+    if (n < 8) {
+      cut.facts.push_back(a);
+      continue;
+    }
+    for (const std::ptrdiff_t from : {std::ptrdiff_t{0}, std::ptrdiff_t{2}}) {  // all but the last two, or the first
+      const std::vector<Pairing> part(a.pairings.begin() + from, a.pairings.begin() + from + n - 2);
+      cut.facts.emplace_back(test::association(9, static_cast<std::uint32_t>(parts++), part));
+    }
+  }
+  ASSERT_GE(parts, 8);
+  const auto whole = built(fleet.store()), in_parts = built(cut.store());
+  ASSERT_EQ(in_parts.selection.classes, whole.selection.classes);
+  for (const Node<G>& node : whole.map->problem().nodes) {  // it starts from another guess: not the same bits
+    const auto a = whole.map->pose(node.anchor.chain, node.slam), b = in_parts.map->pose(node.anchor.chain, node.slam);
+    EXPECT_LT((a->mean.inverse() * b->mean).Log().norm(), 1e-6);
+    EXPECT_LT((a->covariance - b->covariance).norm(), 1e-6 * a->covariance.norm());
+  }
 }
 
 // R2 and R3: who states a pair, how often, in which orientation, and as what part of which list does not matter: every
