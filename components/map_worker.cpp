@@ -77,7 +77,6 @@ BuiltMap<G> MapWorker<G>::build(MapOrder<G> order) {
   // The first question for a covariance pays for all of them: here, where nobody waits for the answer.
   for (const auto& [id, chain] : replica_.chains())
     if (!chain.anchors.empty()) built.map.map->pose(id, chain.anchors.rbegin()->second.state);
-  if (order.exact) built.digests = {built.map.facts, built.map.selection.digest(), built.map.map->digest()};
   built.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return built;
 }

@@ -401,6 +401,13 @@ std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
 }
 
 template <class G>
+BuiltMap<G>::BuiltMap(GlobalMap<G> built, std::uint64_t of_revision, double in_s)
+    : map(std::move(built)), revision(of_revision), seconds(in_s) {
+  if (map.exact) digests = {map.facts, map.selection.digest(), map.map->digest()};
+}
+
+// The chi-square of an exact map: that of others holds what they were not iterated for.
+template <class G>
 GlobalMap<G> SubmapManager<G>::adopt(BuiltMap<G> built) {
   if (built.revision < map_revision_) return std::move(built.map);
   map_revision_ = built.revision;
@@ -408,6 +415,9 @@ GlobalMap<G> SubmapManager<G>::adopt(BuiltMap<G> built) {
   if (built.map.exact) {
     digests_ = built.digests;
     exact_takes_s_ = built.seconds;
+    const SolveReport& report = built.map.map->report();
+    fits_ =
+        report.dof <= 0 || (report.converged && report.chi2 >= 0.0 && report.chi2 <= chi2_quantile(0.999, report.dof));
   }
   return std::exchange(map_, std::move(built.map));
 }
@@ -415,9 +425,7 @@ GlobalMap<G> SubmapManager<G>::adopt(BuiltMap<G> built) {
 template <class G>
 std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, double now_s) const {
   std::uint32_t reasons = reason_none;
-  const SolveReport& report = map_.map->report();
-  const bool fits = report.converged && report.chi2 >= 0.0 && report.chi2 <= chi2_quantile(0.999, report.dof);
-  if (report.dof > 0 && !fits) reasons |= reason_innovation;
+  if (!fits_) reasons |= reason_innovation;
   if (chain != self_ && now_s > heard_s + params_.stale_peer_s) reasons |= reason_stale_peer;
   if (const auto it = store_.chains().find(chain); it != store_.chains().end()) {
     if (it->second.equivocated) reasons |= reason_equivocation;

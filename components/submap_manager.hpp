@@ -83,10 +83,13 @@ struct MapDigests {
 
 template <class G>
 struct BuiltMap {
+  /// Computes the digests of an exact map.
+  BuiltMap(GlobalMap<G> built, std::uint64_t of_revision, double in_s = 0.0);
+
   GlobalMap<G> map;
-  std::uint64_t revision = 0;  ///< of its order
-  double seconds = 0.0;        ///< that it took
-  MapDigests digests = {};     ///< of an exact map
+  std::uint64_t revision;   ///< of its order
+  double seconds;           ///< that it took
+  MapDigests digests = {};  ///< of an exact map
 };
 
 /// Single-threaded, driven by calls that carry time on the vehicle's own clock, not decreasing.
@@ -193,6 +196,7 @@ class SubmapManager {
   MapBuilder<G> builder_;
   GlobalMap<G> map_;
   MapDigests digests_;
+  bool fits_ = true;                               // the last exact map: its facts agree with each other
   double exact_takes_s_ = 0.0, exact_s_ = -1e300;  // the last exact map: its cost, and when it was ordered
   std::uint64_t map_revision_ = 0;                 // of the facts in map_
   std::uint64_t ordered_revision_ = 0;             // of the facts in map_ or in the last order

@@ -3,6 +3,7 @@
 #include <convoy/geometry/groups.hpp>
 
 #include <algorithm>
+#include <cmath>
 
 namespace convoy {
 namespace {
@@ -18,7 +19,7 @@ void for_each_held(const Sequence& held, const std::vector<IndexRange>& ranges, 
 
 void validate(const RepairParams& p) {
   const auto demand = [](bool holds, const char* name, double value, const char* range) {
-    if (!holds) throw RangeError("repair", name, value, range);
+    if (!(holds && std::isfinite(value))) throw RangeError("repair", name, value, range);
   };
   demand(p.digest_period_s > 0.0, "digest_period_s", p.digest_period_s, "be > 0");
   demand(p.grace_s >= 0.0, "grace_s", p.grace_s, "be >= 0");

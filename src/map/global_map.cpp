@@ -203,7 +203,10 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
       for (const Key& landmark : {a, b})
         if (const auto known = global.class_of.find(landmark)) classes.insert(*known);
   }
-  exclude_worst_measurement(map, params_.fix_residual, 1.0, measured_fixes_, measured_encounters_, excluded_);
+  Keys judged_encounters;  // by the same answer
+  for (const SelectedEncounter& e : selection.encounters)
+    if (measured_waypoints_.count(e.waypoint) != 0) judged_encounters.insert(e.encounter);
+  exclude_worst_measurement(map, params_.fix_residual, 1.0, measured_fixes_, judged_encounters, excluded_);
   if (excluded_.size() != before) return true;
   std::set<Key> batches;
   for (const int c : classes)
@@ -223,8 +226,8 @@ void MapBuilder<G>::finish(GlobalMap<G>& global) {
       global.unsettled.insert({h.batch_a.chain, h.batch_b.chain});
   }
   measured_fixes_ = {global.selection.fixes.begin(), global.selection.fixes.end()};
-  measured_encounters_.clear();
-  for (const SelectedEncounter& e : global.selection.encounters) measured_encounters_.insert(e.encounter);
+  measured_waypoints_.clear();
+  for (const SelectedEncounter& e : global.selection.encounters) measured_waypoints_.insert(e.waypoint);
   global.drift_alarms = drift_alarms_;
   global.selection.landmarks.clear();  // the map may outlive the store
 }

@@ -85,8 +85,8 @@ class MapBuilder {
   std::shared_ptr<const Problem<G>> problem_;       // the last one
   // As of the last map.
   Exclusions excluded_;
-  std::unordered_set<Hash> accepted_;  // hypotheses
-  std::unordered_set<Key> measured_fixes_, measured_encounters_;
+  std::unordered_set<Hash> accepted_;                            // hypotheses
+  std::unordered_set<Key> measured_fixes_, measured_waypoints_;  // waypoints: that answer encounters
   std::set<ChainId> drift_alarms_;
 };
 

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <ranges>
+#include <tuple>
 #include <utility>
 
 namespace convoy {
@@ -49,16 +50,21 @@ std::vector<Key> first_landmarks(const Problem<G>& problem) {
   return keys;
 }
 
-// Of each unknown of `after`, its number in `before`; -1: it has none. Both list nodes by anchor, points by their first
-// landmark and constants by chain, so that one look at each is enough.
+// Of each unknown of `after`, its number in `before`; -1: it has none. Both list nodes by anchor and moment, points by
+// their first landmark and constants by chain, so that one look at each is enough.
 template <class G>
 std::vector<int> old_numbers(const Problem<G>& before, const Problem<G>& after) {
   std::vector<int> old(after.nodes.size() + after.points.size() + after.constants.size(), -1);
+  constexpr std::size_t most_of_one_moment = 8;  // what is not found is taken for new
+  const auto moment = [](const Node<G>& node) {
+    return std::tie(node.anchor, node.slam.abscissa_m, node.slam.stamp_s);
+  };
   const std::size_t nodes = before.nodes.size();
   for (std::size_t n = 0, from = 0; n < after.nodes.size(); ++n) {
     const Node<G>& node = after.nodes[n];
-    while (from < nodes && before.nodes[from].anchor < node.anchor) ++from;
-    for (std::size_t m = from; m < nodes && before.nodes[m].anchor == node.anchor; ++m) {
+    while (from < nodes && moment(before.nodes[from]) < moment(node)) ++from;
+    const std::size_t end = std::min(nodes, from + most_of_one_moment);
+    for (std::size_t m = from; m < end && moment(before.nodes[m]) == moment(node); ++m) {
       if (!is_same(before.nodes[m], node)) continue;
       old[n] = static_cast<int>(m);
       from = m + 1;
@@ -219,7 +225,9 @@ void IncrementalMap<G>::take_factors() {
   }
   for (int k = 0; k < factors_->size(); ++k) {
     const int u = old_number_[at(factors_->unknowns(k).front())];
-    int* candidate = u >= 0 && at(u) < head.size() ? &head[at(u)] : nullptr;
+    const bool speaks_of_news =
+        std::ranges::any_of(factors_->unknowns(k), [&](int v) { return old_number_[at(v)] < 0; });
+    int* candidate = !speaks_of_news && at(u) < head.size() ? &head[at(u)] : nullptr;
     while (candidate != nullptr && *candidate >= 0 && !is_factor(k, *old, *candidate))
       candidate = &next[at(*candidate)];
     if (candidate == nullptr || *candidate < 0) {

@@ -218,7 +218,10 @@ bool LinearFactors<G>::says_the_same(int k, const LinearFactors& other, int k_ot
     case Kind::drift:
     case Kind::bounded: return true;
     case Kind::fix: return problem_.fixes[f.index].fix == there.fixes[g.index].fix;
-    case Kind::encounter: return problem_.encounters[f.index].encounter == there.encounters[g.index].encounter;
+    case Kind::encounter: {  // its answer may have been replaced
+      const EncounterFactor<G>&a = problem_.encounters[f.index], &b = there.encounters[g.index];
+      return a.encounter == b.encounter && a.mark == b.mark;
+    }
     case Kind::landmarks: break;
   }
   const auto first = [](const LinearFactors& of, const Factor& factor) {

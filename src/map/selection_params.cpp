@@ -1,11 +1,13 @@
 #include <convoy/config_error.hpp>
 #include <convoy/map/selection.hpp>
 
+#include <cmath>
+
 namespace convoy {
 
 void validate(const SelectionParams& p) {
   const auto demand = [](bool holds, const char* name, double value, const char* range) {
-    if (!holds) throw RangeError("map", name, value, range);
+    if (!(holds && std::isfinite(value))) throw RangeError("map", name, value, range);
   };
   const auto confidence = [&](const char* name, double value) {
     demand(value > 0.0 && value < 1.0, name, value, "lie in (0, 1)");

@@ -1,6 +1,7 @@
 // Maps are built beside receiving and the live pose, never in front of them.
 #include <convoy/components/map_worker.hpp>
 #include <convoy/components/vehicle.hpp>
+#include <convoy/map/ekf_map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
 #include <gtest/gtest.h>
@@ -230,6 +231,22 @@ TEST(MapOrders, AmountToTheMapsOfRebuilds) {
   const Hash late = first->map.map->digest();
   EXPECT_EQ(manager.adopt(std::move(*first)).map->digest(), late);
   EXPECT_EQ(manager.map().map->digest(), newest);
+}
+
+// By the paper's filter even those that were ordered to be worked in are exact.
+TEST(MapOrders, AnExactMapComesWithItsDigestsHoweverItWasOrdered) {
+  SubmapManagerParams params;
+  MapWorker<SE2> worker(params, std::make_shared<EkfMap<SE2>>());
+  MapOrder<SE2> order;
+  order.news.emplace_back(AnchorFact<SE2>{{{1, 1}, 0}, {}});
+  order.news.emplace_back(PriorFact<SE2>{{{1, 1}, 0}, false, SE2()});
+  order.exact = false;
+  worker.start(std::move(order));
+  std::optional<BuiltMap<SE2>> built;
+  ASSERT_TRUE(eventually([&] { return (built = worker.collect()).has_value(); }));
+  ASSERT_TRUE(built->map.exact);
+  EXPECT_EQ(built->digests.map, built->map.map->digest());
+  EXPECT_EQ(built->digests.facts, built->map.facts);
 }
 
 // A map that takes its time is built exactly when it is quiet; until then, what is new is worked into the last one.

@@ -203,6 +203,65 @@ TYPED_TEST(Encounters, AreAFunctionOfTheSetToTheBit) {
   }
 }
 
+/// Eight meetings, each answered by `answer(stop, encounter)`.
+template <class G, class Answer>
+FactStore<G> met(MeetingFleet<G>& meeting, const Answer& answer) {
+  for (std::uint32_t k = 1; k <= 8; ++k) {
+    const Key encounter = meeting.meet(k, G::Point::Zero(), 0);
+    meeting.fleet.facts.emplace_back(answer(k, encounter));
+  }
+  return meeting.fleet.store();
+}
+
+// Of two answers to an encounter the first by key counts, and it may come last.
+TYPED_TEST(Encounters, AReplacedAnswerIsAnotherMeasurementToAnUpdate) {
+  using G = TypeParam;
+  MeetingFleet<G> meeting(10);
+  const typename G::Point mark = G::Point::Constant(0.3);
+  typename G::Point off = mark;
+  off[0] -= 1.0;
+  std::vector<WaypointFact<G>> right;
+  FactStore<G> store = met(meeting, [&](std::uint32_t k, const Key& encounter) {
+    right.push_back({key_of(2, k - 1), k, meeting.fleet.anchor(key_of(2, k)).state, encounter, mark});
+    WaypointFact<G> wrong = right.back();
+    wrong.key.index += 100;
+    wrong.mark = off;
+    return wrong;
+  });
+  const SparseMap<G> backend;
+  MapBuilder<G> builder({}, backend);
+  builder.build(store);
+  builder.update(store);
+  for (const WaypointFact<G>& waypoint : right) ASSERT_EQ(store.insert(waypoint), Insertion::inserted);
+  const auto updated = builder.update(store), exact = test::built(store);
+  ASSERT_FALSE(updated.exact);
+  ASSERT_EQ(exact.map->problem().encounters.size(), 8U);
+  const auto& last = meeting.fleet.anchor(key_of(2, 8)).state;
+  const auto a = updated.map->pose(chain_of(2), last), b = exact.map->pose(chain_of(2), last);
+  EXPECT_LT(squared_mahalanobis((b->mean.inverse() * a->mean).Log(), b->covariance), 0.1);
+}
+
+TYPED_TEST(Encounters, AnAnswerThatReplacesAnotherIsJudgedByTheUpdateItComesBy) {
+  using G = TypeParam;
+  MeetingFleet<G> meeting(11);
+  const typename G::Point mark = G::Point::Constant(0.3);
+  WaypointFact<G> wrong;
+  FactStore<G> store = met(meeting, [&](std::uint32_t k, const Key& encounter) {
+    const WaypointFact<G> right{key_of(2, 100 + k), k, meeting.fleet.anchor(key_of(2, k)).state, encounter, mark};
+    if (k == 5) wrong = right;
+    return right;
+  });
+  wrong.key.index = 0;
+  wrong.mark[0] -= 30.0;
+  const SparseMap<G> backend;
+  MapBuilder<G> builder({}, backend);
+  builder.build(store);
+  EXPECT_EQ(builder.update(store).selection.encounters.size(), 8U);
+  ASSERT_EQ(store.insert(wrong), Insertion::inserted);
+  EXPECT_EQ(builder.update(store).selection.encounters.size(), 7U);
+  EXPECT_EQ(test::built(store).selection.encounters.size(), 7U);
+}
+
 TYPED_TEST(Encounters, AreLeftOutByThePapersFilter) {
   using G = TypeParam;
   MeetingFleet<G> with(9), without(9);

@@ -280,6 +280,7 @@ TEST(Select, RefusesParametersOutOfRange) {
   EXPECT_EQ(refusal([](P& p) { p.slack.scale = -1.0; }), "map: scale_slack must be >= 0 (it is -1)");
   EXPECT_EQ(refusal([](P& p) { p.slack.heading_rad_per_m = NAN; }),
             "map: heading_slack_rad_per_m must be >= 0 (it is nan)");
+  EXPECT_EQ(refusal([](P& p) { p.slack.scale = INFINITY; }), "map: scale_slack must be >= 0 (it is inf)");
   EXPECT_EQ(refusal([](P& p) { p.min_confirmed = 0; }),
             "map: min_confirmed must be 1 or more; 1 trusts the first association (it is 0)");
   EXPECT_EQ(refusal([](P& p) { p.separation = 1.0; }), "map: separation must lie in (0, 1) (it is 1)");
