@@ -46,7 +46,7 @@ void write_text_file(const fs::path& path, std::string_view content) {
 
 void expect_writable(const fs::path& folder) {
   std::error_code error;
-  fs::path there = fs::absolute(folder, error);
+  fs::path there = folder.empty() ? fs::current_path(error) : fs::absolute(folder, error);
   while (!fs::exists(there, error) && there.has_relative_path()) there = there.parent_path();
   const std::string where = folder.string() + ": nothing can be written there, for " + there.string();
   if (!fs::is_directory(there, error)) throw ConfigError(where + " is no folder; choose another one with --out");

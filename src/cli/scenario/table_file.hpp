@@ -17,7 +17,8 @@ std::string read_text_file(const std::filesystem::path& path);
 /// Makes the folders it needs. Throws ConfigError.
 void write_text_file(const std::filesystem::path& path, std::string_view content);
 
-/// Throws ConfigError if `folder` can hold nothing: to be told before the work and not after. Makes nothing.
+/// Throws ConfigError if `folder` (empty: the current one) can hold nothing: to be told before the work and not after.
+/// Makes nothing.
 void expect_writable(const std::filesystem::path& folder);
 
 /// Shortest text that reads back as the same double, without regard to the locale.

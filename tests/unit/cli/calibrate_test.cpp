@@ -195,6 +195,15 @@ TEST(Calibrate, AnUnusableOutIsToldBeforeTheWork) {
             std::string::npos);
 }
 
+TEST(Calibrate, AnOutWithoutAFolderIsWrittenHere) {
+  CalibrateOptions options;
+  options.runs = {"nowhere"};
+  options.out = "drift.xml";
+  const std::string fault = test::config_error_of([&] { run_calibrate(options); });
+  EXPECT_EQ(fault.find("nothing can be written there"), std::string::npos) << fault;
+  EXPECT_NE(fault.find("nowhere"), std::string::npos) << fault;
+}
+
 TEST(Calibrate, TheFragmentIsAnElementThatSaysWhatWasFound) {
   const test::TemporaryFolder folder;
   CalibrateOptions options = options_for(folder, 2, "auto");
