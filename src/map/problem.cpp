@@ -666,9 +666,9 @@ class ProblemBuilder {
   VehicleId reference_;
   bool enu_, plain_;
   Problem<G> problem_;
-  std::vector<std::size_t> known_class_;  // of each class, the first of its factors in before_; none: it is new
-  std::vector<int> node_before_,
-      node_now_;                            // of the nodes, in before_, as far as they are anchors; the other way round
+  std::vector<std::size_t> known_class_;    // of each class, the first of its factors in before_; none: it is new
+  std::vector<int> node_before_;            // of each node, its number in before_, if it is an anchor that was there
+  std::vector<int> node_now_;               // the other way round
   std::size_t next_known_ = 0;              // of the nodes of before_
   std::vector<Link> links_;                 // in the order of the selection
   std::vector<std::vector<int>> links_of_;  // each chain

@@ -58,7 +58,8 @@ void expect_same(const Problem<G>& a, const Problem<G>& b) {
     return x.a == y.a && x.b == y.b && x.phi == y.phi && x.information == y.information;
   }));
   EXPECT_TRUE(std::ranges::equal(a.fixes, b.fixes, [](const auto& x, const auto& y) {
-    return x.node == y.node && x.datum == y.datum && x.fix == y.fix;
+    return x.node == y.node && x.datum == y.datum && x.fix == y.fix && x.antenna == y.antenna &&
+           x.position == y.position && x.covariance == y.covariance;
   }));
   EXPECT_EQ(a.datum, b.datum);
 }
