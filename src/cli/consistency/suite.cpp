@@ -528,8 +528,8 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
            {"bootstrap_seed", result.options.seed},
            {"enough_runs", result.enough_runs()},
            {"only", result.options.only},
-           {"pass", result.pass()},
-           {"all_met", result.all_met()},
+           {"pass", result.judged() ? json(result.pass()) : json(nullptr)},
+           {"all_met", result.judged() ? json(result.all_met()) : json(nullptr)},
            {"rows", json::array()},
            {"demands", json::array()},
            {"controls", json::array()}};

@@ -1,6 +1,7 @@
 // Maps are built beside receiving and the live pose, never in front of them.
 #include <convoy/components/map_worker.hpp>
 #include <convoy/components/vehicle.hpp>
+#include <convoy/geometry/chi2.hpp>
 #include <convoy/map/ekf_map.hpp>
 #include <convoy/map/sparse_map.hpp>
 
@@ -298,6 +299,55 @@ TEST(MapOrders, AreExactWhenNothingNewComes) {
   EXPECT_EQ(manager.digests().selection, reference.selection.digest());
   EXPECT_FALSE(reference.selection.classes.empty());
   EXPECT_FALSE(manager.order_map(now_s + 100.0));  // nothing is left to do
+}
+
+/// Knows every pose for certain.
+class Certain final : public CovarianceSource<SE2> {
+ public:
+  Eigen::MatrixXd between(int, int) override { return Eigen::Matrix3d::Zero(); }
+  Eigen::MatrixXd joint(const std::vector<int>& unknowns) override {
+    const auto size = 3 * static_cast<Eigen::Index>(unknowns.size());
+    return Eigen::MatrixXd::Zero(size, size);
+  }
+};
+
+// Facts that do not agree with each other are a reason to doubt every pose; a map that was not iterated to its end says
+// nothing of it.
+TEST(MapOrders, AnExactMapThatFitsBadlyIsAReasonToSuspect) {
+  InProcessNetwork<SE2> network;
+  std::vector<std::unique_ptr<test::MemberOf<SE2>>> members;
+  for (const VehicleId v : {1U, 2U}) members.push_back(std::make_unique<test::MemberOf<SE2>>(v, network.join()));
+  SubmapManager<SE2>& manager = members.front()->manager;
+  double now_s = 0.0;
+  for (int k = 0; k < 120; ++k, now_s += 0.5)
+    for (auto& member : members) {
+      member->drive();
+      member->step(now_s);
+    }
+  ASSERT_FALSE(manager.map().selection.classes.empty());
+  const auto suspected = [&] {
+    for (const VehicleState<SE2>& vehicle : manager.vehicles(now_s))
+      if ((vehicle.reasons & reason_innovation) == 0) return false;
+    return true;
+  };
+  const auto adopt = [&](bool exact, double chi2_of_its_limit) {
+    auto built = build_global_map(manager.store(), SelectionParams{}, SparseMap<SE2>());
+    SolveReport report = built.map->report();
+    report.chi2 = chi2_of_its_limit * chi2_quantile(0.999, report.dof);
+    built.map = std::make_unique<Map<SE2>>(built.map->shared_problem(),
+                                           State<SE2>{built.map->poses(), built.map->points(), built.map->constants()},
+                                           report, std::make_unique<Certain>());
+    built.exact = exact;
+    manager.adopt({std::move(built), manager.store().revision()});
+  };
+  adopt(false, 1.1);
+  EXPECT_FALSE(suspected());
+  adopt(true, 1.1);
+  EXPECT_TRUE(suspected());
+  adopt(false, 0.9);
+  EXPECT_TRUE(suspected());  // it is the last exact one that counts
+  adopt(true, 0.9);
+  EXPECT_FALSE(suspected());
 }
 
 }  // namespace

@@ -360,10 +360,12 @@ TEST(ConsistencyParts, OnlyWhatIsAskedForIsMeasured) {
 
 TEST(ConsistencyParts, VerdictNeedsTheControlsToFail) {
   ConsistencyResult result;
+  EXPECT_TRUE(to_json(result)["pass"].is_null());  // nothing was judged
   result.demands.push_back({"d", "a", "m", true, true, ""});
   result.controls.push_back({"c", "m", Side::overconfident, true});
   EXPECT_TRUE(result.pass());
   EXPECT_TRUE(result.all_met());
+  EXPECT_TRUE(to_json(result)["pass"].get<bool>());
   result.demands.push_back({"beside", "a", "m", false, false, "known"});
   EXPECT_TRUE(result.pass());
   EXPECT_FALSE(result.all_met());
