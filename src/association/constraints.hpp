@@ -8,6 +8,7 @@
 #include <convoy/submap/fact_store.hpp>
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <vector>
 
@@ -16,17 +17,25 @@ namespace convoy {
 struct ConstraintParams {
   double compatibility = 0.9999;  ///< chi-square confidence of eq. 5 between vehicles (the paper: 0.95). A start beyond
                                   ///< it is never found, and what looks the same within it would be taken instead
-  double loop = 0.99;           ///< the same within a chain, where drift leaves little room for that
-  double distance = 0.99;       ///< confidence that two distances are the same, 1 dof, from both covariances
-  double min_distance_m = 0.3;  ///< pairs closer than this say nothing about geometry and are not compared
+  double loop = 0.99;             ///< the same within a chain, where drift leaves little room for that
+  double distance = 0.99;         ///< confidence that two distances are the same, 1 dof, from both covariances
+  double min_distance_m = 0.3;    ///< pairs closer than this say nothing about geometry and are not compared
 };
 
-/// The landmarks of one anchor, in index order.
+/// Landmarks in the frame of one anchor: its own, in index order, or those of several anchors in a row.
 template <class G>
 struct Batch {
   Key anchor;
   std::vector<LandmarkFact<G>> landmarks;
+  /// Of several anchors: the abscissa at which each was seen [m], and the variance that drift adds to the difference of
+  /// two per metre between them [m^2/m]. Empty and zero: what they share is in their loadings.
+  std::vector<double> abscissa_m = {};
+  double drift_m2_per_m = 0.0;
 };
+
+/// A constraint of one's own on single pairings, such as what two landmarks look like; empty: anything goes.
+template <class G>
+using LooksAlike = std::function<bool(const LandmarkFact<G>& i, const LandmarkFact<G>& j)>;
 
 /// T_a_b with the covariance of a right perturbation.
 template <class G>
