@@ -1,5 +1,6 @@
 #include <convoy/association/alignment_search.hpp>
 #include <convoy/association/strip_index.hpp>
+#include <convoy/config_error.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
@@ -18,12 +19,6 @@ namespace convoy {
 namespace {
 
 constexpr double max_tilt_rad = 0.1;
-
-std::vector<Eigen::Vector2d> on_the_ground(const auto& landmarks) {
-  std::vector<Eigen::Vector2d> places;
-  for (const auto& l : landmarks) places.push_back(l.position.template head<2>());
-  return places;
-}
 
 // A shift in steps; z is 0 in the plane.
 struct Step {
@@ -104,7 +99,7 @@ class AlignmentSearch {
         b_(b),
         params_(params),
         looks_alike_(looks_alike),
-        index_(on_the_ground(a.landmarks), params.density_radius_m),
+        index_(params.density_radius_m),
         density_(a.landmarks.size(), -1.0),
         fits_chi2_(chi2_quantile(params.gate, G::Dim)),
         used_a_(a.landmarks.size(), false),
@@ -119,6 +114,7 @@ class AlignmentSearch {
       anywhere();
     }
     find_resolution(confidence);
+    index_vicinity();
   }
 
   AlignmentSearchResult<G> run() {
@@ -201,6 +197,21 @@ class AlignmentSearch {
     sides_ = static_cast<int>(std::ceil(widest_rad / turn_rad_));
     const double squares = M_PI * std::max(1.0, reach_m_ * reach_m_ / (square_m_ * square_m_));
     result_.places = static_cast<std::uint64_t>((2 * sides_ + 1) * squares);
+  }
+
+  // Landmarks of a that b may come to lie on, and those around them: however many a has.
+  void index_vicinity() {
+    const Eigen::Vector2d middle = (prior_.mean * centre_).template head<2>();
+    const auto swing_m = [&](int heading) {
+      return ((turned(heading) * centre_).template head<2>() - middle).norm();
+    };
+    const double far_m = std::max(swing_m(-sides_), swing_m(sides_)) + reach_m_ + 2.0 * radius_m_ +
+                         2.0 * params_.density_radius_m;
+    for (std::size_t i = 0; i < a_.size(); ++i) {
+      const Eigen::Vector2d at = a_[i].position.template head<2>();
+      if ((at - middle).squaredNorm() <= far_m * far_m) index_.add(at, static_cast<int>(i));
+    }
+    index_.sort();
   }
 
   // Where the prior puts b if it has turned so far from its mean.
@@ -480,6 +491,14 @@ class AlignmentSearch {
 };
 
 }  // namespace
+
+void validate(const AlignmentSearchParams& p) {
+  if (!(p.gate > 0.0 && p.gate < 1.0)) throw ConfigError("association: gate must lie in (0, 1)");
+  if (!(p.min_odds > 0.0 && p.density_radius_m > 0.0))
+    throw ConfigError("association: min_odds and density_radius_m must be > 0");
+  if (p.max_proposals < 2) throw ConfigError("association: max_proposals must be >= 2; there is no runner-up in one");
+  if (p.max_votes == 0) throw ConfigError("association: max_votes must be > 0");
+}
 
 template <class G>
 bool has_level(const std::optional<RelativePrior<G>>& prior) {

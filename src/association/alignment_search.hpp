@@ -20,6 +20,9 @@ struct AlignmentSearchParams {
   std::uint64_t max_votes = 20'000'000;  ///< pairs of landmarks tried over all headings; beyond, the search is cut off
 };
 
+/// Throws ConfigError when a value is out of its range.
+void validate(const AlignmentSearchParams& params);
+
 /// One place of batch b on batch a.
 template <class G>
 struct CandidateAlignment {

@@ -1,10 +1,12 @@
 #include <convoy/association/associate.hpp>
+#include <convoy/association/strip_index.hpp>
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -50,44 +52,71 @@ double chance_of_a_match(const Batch<G>& batch, double gate_volume) {
   return sum / static_cast<double>(batch.landmarks.size());
 }
 
+template <class G>
+double compatibility_of(const Batch<G>& a, const Batch<G>& b, const AssociationParams& params) {
+  return a.anchor.chain == b.anchor.chain ? params.constraints.loop : params.constraints.compatibility;
+}
+
+template <class G>
+std::vector<Pairing> keys_in(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings) {
+  std::vector<Pairing> keys;
+  for (const auto& [i, j] : pairings)
+    keys.emplace_back(a.landmarks[static_cast<std::size_t>(i)].key, b.landmarks[static_cast<std::size_t>(j)].key);
+  return canonical(std::move(keys));
+}
+
 // One association problem, its stages in order.
 template <class G>
 class Associator {
  public:
   Associator(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
-             const AssociationParams& params)
+             const AssociationParams& params, const LooksAlike<G>& looks_alike)
       : a_(a),
         b_(b),
         prior_(prior),
         params_(params),
-        compatibility_(a.anchor.chain == b.anchor.chain ? params.constraints.loop : params.constraints.compatibility),
-        table_a_(a),
-        table_b_(b),
-        binary_(table_a_, table_b_, params.constraints),
+        looks_alike_(looks_alike),
+        compatibility_(compatibility_of(a, b, params)),
         gate_chi2_(chi2_quantile(params.pairing, G::Dim)),
         doubt_chi2_(chi2_quantile(params.residual, G::Dim)) {}
 
-  AssociationResult<G> run() {
-    const CompatibilityGraph graph = build_graph();
+  // A largest set that goes together.
+  AssociationResult<G> by_largest_set() {
+    const DistanceTable table_a(a_), table_b(b_);
+    const DistanceCompatibility binary(table_a, table_b, params_.constraints);
+    find_candidates();
+    const CompatibilityGraph graph(candidates_, [&](const IndexPairing& p, const IndexPairing& q) {
+      return binary(p.first, p.second, q.first, q.second);
+    });
     result_.candidates = graph.size();
     result_.compatible = graph.edges();
     if (static_cast<int>(graph.size()) < params_.min_pairings) return reject(Rejection::too_few_candidates);
-    const SearchResult best = search(graph);
+    const SearchResult best = search(graph, binary);
     result_.nodes = best.nodes;
     if (best.cut_off) return reject(Rejection::search_cut_off);
-    if (static_cast<int>(best.pairings.size()) < params_.min_pairings) return reject(Rejection::too_few_pairings);
-    if (!settle(best.pairings)) return reject(Rejection::geometry);
-    if (!fits_prior()) return reject(Rejection::prior);
+    if (!settles(best.pairings)) return result_;
     result_.expected_false_alarms = expected_false_alarms(graph);
     if (result_.expected_false_alarms > params_.max_false_alarms) return reject(Rejection::chance);
     find_runner_up(graph);
-    if (has_rival_) {
-      reject(Rejection::runner_up);
-      result_.decision = Decision::ambiguous;
-      return result_;
-    }
-    result_.decision = Decision::accepted;
-    return result_;
+    return has_rival_ ? ambiguous() : accepted();
+  }
+
+  // The likeliest place. a and b are what lies near it.
+  AssociationResult<G> by_alignment(const AlignmentSearchResult<G>& found, const std::vector<IndexPairing>& best) {
+    result_.nodes = found.votes;
+    result_.log_likelihood_ratio = found.candidates.front().log_likelihood_ratio;
+    // Markov's inequality: under chance, a ratio of x or more has a probability of at most 1 / x.
+    result_.expected_false_alarms = static_cast<double>(found.places) * std::exp(-result_.log_likelihood_ratio);
+    candidates_ = best;
+    result_.candidates = best.size();
+    if (!settles(best)) return result_;
+    if (result_.expected_false_alarms > params_.max_chance_places) return reject(Rejection::chance);
+    if (found.candidates.size() < 2) return accepted();
+    const CandidateAlignment<G>& second = found.candidates[1];
+    result_.runner_up = static_cast<int>(second.pairings.size());
+    result_.runner_up_log_likelihood_ratio = second.log_likelihood_ratio;
+    const bool rival = second.log_likelihood_ratio > params_.max_runner_up_likelihood * result_.log_likelihood_ratio;
+    return rival ? ambiguous() : accepted();
   }
 
  private:
@@ -100,24 +129,44 @@ class Associator {
     return result_;
   }
 
-  CompatibilityGraph build_graph() const {
-    const IndividualCompatibility<G> unary(prior_, compatibility_);
-    std::vector<IndexPairing> candidates;
-    for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
-      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
-        if (unary(in_a(i), in_b(j))) candidates.emplace_back(i, j);
-    return CompatibilityGraph(std::move(candidates), [&](const IndexPairing& p, const IndexPairing& q) {
-      return binary_(p.first, p.second, q.first, q.second);
-    });
+  AssociationResult<G> accepted() {
+    result_.decision = Decision::accepted;
+    return result_;
   }
 
-  SearchResult search(const CompatibilityGraph& graph) const {
-    if (!params_.literal_search) return gcbb(graph, params_.max_nodes);
+  AssociationResult<G> ambiguous() {
+    reject(Rejection::runner_up);
+    result_.decision = Decision::ambiguous;
+    return result_;
+  }
+
+  // Whether pairings come to an alignment that the prior allows; if not, the reason is given.
+  bool settles(const std::vector<IndexPairing>& pairings) {
+    result_.pairings = keys_of(pairings);
+    if (static_cast<int>(pairings.size()) < params_.min_pairings) reject(Rejection::too_few_pairings);
+    else if (!settle(pairings)) reject(Rejection::geometry);
+    else if (!fits_prior()) reject(Rejection::prior);
+    return result_.rejection == Rejection::not_rejected;
+  }
+
+  std::vector<Pairing> keys_of(const std::vector<IndexPairing>& pairings) const { return keys_in(a_, b_, pairings); }
+
+  bool alike(int i, int j) const { return !looks_alike_ || looks_alike_(in_a(i), in_b(j)); }
+
+  void find_candidates() {
+    const IndividualCompatibility<G> unary(prior_, compatibility_);
+    for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
+      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
+        if (unary(in_a(i), in_b(j)) && alike(i, j)) candidates_.emplace_back(i, j);
+  }
+
+  SearchResult search(const CompatibilityGraph& graph, const DistanceCompatibility& binary) const {
+    if (params_.method != SearchMethod::fig5) return gcbb(graph, params_.max_nodes);
     const IndividualCompatibility<G> unary(prior_, compatibility_);
     SearchResult found = gcbb_literal(
         static_cast<int>(b_.landmarks.size()), static_cast<int>(a_.landmarks.size()),
-        [&](int j, int i) { return unary(in_a(i), in_b(j)); },
-        [&](int j1, int i1, int j2, int i2) { return binary_(i1, j1, i2, j2); }, params_.max_nodes);
+        [&](int j, int i) { return unary(in_a(i), in_b(j)) && alike(i, j); },
+        [&](int j1, int i1, int j2, int i2) { return binary(i1, j1, i2, j2); }, params_.max_nodes);
     for (auto& [i, j] : found.pairings) std::swap(i, j);
     std::sort(found.pairings.begin(), found.pairings.end());
     return found;
@@ -186,9 +235,7 @@ class Associator {
     result_.alignment = alignment;
     result_.support = static_cast<int>(pairings.size());
     settled_ = pairings;
-    std::vector<Pairing> keys;
-    for (const auto& [i, j] : pairings) keys.emplace_back(in_a(i).key, in_b(j).key);
-    result_.pairings = canonical(std::move(keys));
+    result_.pairings = keys_of(pairings);
     return alignment.chi2 <= chi2_quantile(params_.residual, alignment.dof);
   }
 
@@ -198,14 +245,11 @@ class Associator {
       IndexPairing pairing;
       auto operator<=>(const Scored&) const = default;
     };
-    const IndividualCompatibility<G> unary(prior_, compatibility_);
     std::vector<Scored> scored;
-    for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
-      for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j) {
-        if (!unary(in_a(i), in_b(j))) continue;
-        const double chi2 = residual_chi2(alignment, in_a(i), in_b(j));
-        if (chi2 < gate_chi2_) scored.push_back({chi2, {i, j}});
-      }
+    for (const auto& [i, j] : candidates_) {
+      const double chi2 = residual_chi2(alignment, in_a(i), in_b(j));
+      if (chi2 < gate_chi2_) scored.push_back({chi2, {i, j}});
+    }
     std::sort(scored.begin(), scored.end());
     std::vector<bool> used_a(a_.landmarks.size(), false), used_b(b_.landmarks.size(), false);
     std::vector<IndexPairing> pairings;
@@ -247,7 +291,8 @@ class Associator {
         [&](const IndexPairing& p) { return residual_chi2(result_.alignment, in_a(p.first), in_b(p.second)) < apart; });
     const SearchResult second = gcbb(rest, params_.max_nodes);
     has_rival_ = second.cut_off;  // not known: nothing may be assumed
-    Associator other(a_, b_, prior_, params_);
+    Associator other(a_, b_, prior_, params_, looks_alike_);
+    other.candidates_ = candidates_;
     const bool aligned =
         static_cast<int>(second.pairings.size()) >= params_.min_pairings && other.settle(second.pairings);
     if (second.cut_off || !aligned || !other.fits_prior()) return;
@@ -261,14 +306,73 @@ class Associator {
   const Batch<G>& b_;
   const std::optional<RelativePrior<G>>& prior_;
   const AssociationParams& params_;
+  const LooksAlike<G>& looks_alike_;
   double compatibility_;
-  DistanceTable table_a_, table_b_;
-  DistanceCompatibility binary_;
   double gate_chi2_, doubt_chi2_;
+  std::vector<IndexPairing> candidates_;  // that may be paired
   std::vector<IndexPairing> settled_;
   bool has_rival_ = false;
   AssociationResult<G> result_;
 };
+
+// What lies within reach of an alignment, so that everything after the search is small however large the map is; the
+// drift within b, as seen from the middle of what is paired, is part of its noise from here on.
+template <class G>
+struct Vicinity {
+  Vicinity(const Batch<G>& whole_a, const Batch<G>& whole_b, const CandidateAlignment<G>& place)
+      : a{whole_a.anchor, {}}, b(whole_b), pairings(place.pairings) {
+    constexpr double reach_m = 8.0;
+    StripIndex near_b(reach_m);
+    Eigen::AlignedBox2d box;
+    for (const auto& l : b.landmarks) {
+      const Eigen::Vector2d at = (place.T_a_b * l.position).template head<2>();
+      near_b.add(at, 0);
+      box.extend(at);
+    }
+    near_b.sort();
+    const Eigen::Vector2d margin = Eigen::Vector2d::Constant(reach_m);
+    box = {box.min() - margin, box.max() + margin};
+    std::vector<int> number(whole_a.landmarks.size(), -1);
+    for (std::size_t i = 0; i < number.size(); ++i) {
+      const Eigen::Vector2d at = whole_a.landmarks[i].position.template head<2>();
+      bool near = false;
+      if (box.contains(at)) near_b.each_near(at, reach_m, [&](int) { near = true; });
+      if (!near) continue;
+      number[i] = static_cast<int>(a.landmarks.size());
+      a.landmarks.push_back(whole_a.landmarks[i]);
+    }
+    for (auto& [i, j] : pairings) i = number[static_cast<std::size_t>(i)];
+    if (b.drift_m2_per_m > 0.0 && !pairings.empty()) add_drift();
+  }
+  Batch<G> a, b;
+  std::vector<IndexPairing> pairings;  // of the place, in these batches
+
+ private:
+  void add_drift() {
+    double middle_m = 0.0;
+    for (const auto& [i, j] : pairings)
+      middle_m += b.abscissa_m[static_cast<std::size_t>(j)] / static_cast<double>(pairings.size());
+    for (std::size_t j = 0; j < b.landmarks.size(); ++j)
+      b.landmarks[j].covariance.diagonal().array() += b.drift_m2_per_m * std::abs(b.abscissa_m[j] - middle_m);
+  }
+};
+
+template <class G>
+AssociationResult<G> by_alignment(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
+                                  const AssociationParams& params, const LooksAlike<G>& looks_alike) {
+  const auto found = find_alignments(a, b, prior, compatibility_of(a, b, params), params.alignment, looks_alike);
+  if (found.candidates.empty()) {
+    AssociationResult<G> none;
+    none.nodes = found.votes;
+    none.rejection = found.cut_off ? Rejection::search_cut_off : Rejection::too_few_pairings;
+    return none;
+  }
+  const Vicinity<G> vicinity(a, b, found.candidates.front());
+  auto result =
+      Associator<G>(vicinity.a, vicinity.b, prior, params, looks_alike).by_alignment(found, vicinity.pairings);
+  if (result.decision == Decision::ambiguous) result.runner_up_pairings = keys_in(a, b, found.candidates[1].pairings);
+  return result;
+}
 
 }  // namespace
 
@@ -285,6 +389,19 @@ void validate(const AssociationParams& p) {
   if (!(p.min_runner_up_false_alarms >= p.max_false_alarms))
     throw ConfigError("association: min_runner_up_false_alarms must be >= max_false_alarms");
   if (p.max_nodes == 0) throw ConfigError("association: max_nodes must be > 0");
+  if (!(p.max_chance_places > 0.0)) throw ConfigError("association: max_chance_places must be > 0");
+  if (!(p.max_runner_up_likelihood > 0.0 && p.max_runner_up_likelihood <= 1.0))
+    throw ConfigError("association: max_runner_up_likelihood must lie in (0, 1]");
+  validate(p.alignment);
+}
+
+const char* to_string(SearchMethod method) {
+  switch (method) {
+    case SearchMethod::alignment: return "alignment";
+    case SearchMethod::gcbb: return "gcbb";
+    case SearchMethod::fig5: return "fig5";
+  }
+  return "unknown";
 }
 
 const char* to_string(Decision decision) {
@@ -319,20 +436,22 @@ std::vector<std::vector<Pairing>> AssociationResult<G>::statements() const {
 
 template <class G>
 AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
-                               const AssociationParams& params) {
+                               const AssociationParams& params, const LooksAlike<G>& looks_alike) {
   const auto enough = static_cast<std::size_t>(params.min_pairings);
   if (a.landmarks.size() < enough || b.landmarks.size() < enough) {
     AssociationResult<G> result;
     result.rejection = Rejection::too_few_candidates;
     return result;
   }
-  return Associator<G>(a, b, prior, params).run();
+  if (params.method == SearchMethod::alignment && has_level(prior))
+    return by_alignment(a, b, prior, params, looks_alike);
+  return Associator<G>(a, b, prior, params, looks_alike).by_largest_set();
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                                       \
   template struct AssociationResult<G>;                                                                             \
   template AssociationResult<G> associate(const Batch<G>&, const Batch<G>&, const std::optional<RelativePrior<G>>&, \
-                                          const AssociationParams&);
+                                          const AssociationParams&, const LooksAlike<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

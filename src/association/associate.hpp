@@ -3,6 +3,7 @@
 #pragma once
 
 #include <convoy/association/alignment.hpp>
+#include <convoy/association/alignment_search.hpp>
 #include <convoy/association/constraints.hpp>
 #include <convoy/association/search.hpp>
 
@@ -12,10 +13,18 @@
 
 namespace convoy {
 
+enum class SearchMethod : std::uint8_t {
+  alignment,  ///< the likeliest place (alignment_search.hpp); where it cannot be asked (has_level()): gcbb
+  gcbb,       ///< a largest set of pairings that go together
+  fig5,       ///< the same by the paper's Fig. 5 as written: a baseline, exponential
+};
+const char* to_string(SearchMethod method);
+
 struct AssociationParams {
   ConstraintParams constraints;
-  bool literal_search = false;        ///< Fig. 5 as written instead of the bit-parallel search; same result, slower
-  std::uint64_t max_nodes = 200'000;  ///< search tree nodes; beyond, the answer is "none"
+  SearchMethod method = SearchMethod::gcbb;
+  AlignmentSearchParams alignment;
+  std::uint64_t max_nodes = 200'000;  ///< search tree nodes of gcbb and fig5; beyond, the answer is "none"
   int min_pairings = 5;               ///< fewer never decide anything
   double residual = 0.99;             ///< chi-square confidence of the aligned set
   double pairing = 0.9;               ///< chi-square confidence within which two landmarks agree with an alignment
@@ -25,6 +34,9 @@ struct AssociationParams {
   double max_runner_up_share = 0.7;  ///< ... it has more than this share of the first one's support, or
   double min_runner_up_false_alarms =
       1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
+  // The same for alignments, by their likelihood ratios:
+  double max_chance_places = 0.1;          ///< at most so many places as likely are to be expected by chance
+  double max_runner_up_likelihood = 0.65;  ///< share of the first one's log ratio beyond which a second is a rival
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -57,9 +69,11 @@ struct AssociationResult {
   int support = 0;                          ///< number of pairings
   int runner_up = 0;                        ///< support of the best alignment elsewhere
   double expected_false_alarms = 0;
-  std::size_t candidates = 0;    ///< pairs that passed the unary constraint
-  std::uint64_t compatible = 0;  ///< pairs of pairs that passed the binary constraint
-  std::uint64_t nodes = 0;
+  double log_likelihood_ratio = 0.0;            ///< of the best alignment, if that is how it was found
+  double runner_up_log_likelihood_ratio = 0.0;  ///< of the best elsewhere
+  std::size_t candidates = 0;                   ///< pairs that passed the unary constraint
+  std::uint64_t compatible = 0;                 ///< pairs of pairs that passed the binary constraint
+  std::uint64_t nodes = 0;                      ///< of the search tree, or votes
 
   /// What is to be stated as facts: the accepted set; if ambiguous both, since which of the two is right may follow
   /// from what other batches say, and that this place has a double is itself worth knowing.
@@ -67,9 +81,9 @@ struct AssociationResult {
 };
 
 /// Batches a and b of one or two chains, anchor keys a < b (so that everybody computes the same). Deterministic: a
-/// function of the facts alone. Fig. 5 runs with b as the new landmarks and a as the map.
+/// function of the facts alone. b are the new landmarks, a is the map.
 template <class G>
 AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
-                               const AssociationParams& params);
+                               const AssociationParams& params, const LooksAlike<G>& looks_alike = {});
 
 }  // namespace convoy

@@ -12,10 +12,12 @@ namespace convoy {
 
 class StripIndex {
  public:
-  /// `points`: by their x and y [m]; `strip_m` > 0.
-  StripIndex(const std::vector<Eigen::Vector2d>& points, double strip_m) : strip_m_(strip_m) {
-    for (std::size_t k = 0; k < points.size(); ++k)
-      items_.push_back({strip_of(points[k].y()), points[k], static_cast<int>(k)});
+  /// `strip_m` > 0.
+  explicit StripIndex(double strip_m) : strip_m_(strip_m) {}
+
+  /// A point [m] under a number of its own. Then sort().
+  void add(const Eigen::Vector2d& point, int number) { items_.push_back({strip_of(point.y()), point, number}); }
+  void sort() {
     std::sort(items_.begin(), items_.end(), [](const Item& l, const Item& r) {
       return l.strip != r.strip ? l.strip < r.strip : l.at.x() != r.at.x() ? l.at.x() < r.at.x() : l.number < r.number;
     });

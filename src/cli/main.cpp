@@ -8,6 +8,7 @@
 
 #include <cstdio>
 
+#include "associate.hpp"
 #include "calibrate.hpp"
 #include "consistency/suite.hpp"
 #include "demo.hpp"
@@ -144,6 +145,18 @@ int main(int argc, char** argv) {
   solve_command->add_option("--residual", solve.residual, "g2o (R^T dt, dtheta) or log (group logarithm; default: g2o)")
       ->check(CLI::IsMember({"g2o", "log"}));
   solve_command->callback([&] { status = cli::run_solve(solve); });
+
+  cli::AssociateOptions association;
+  std::vector<std::string> problems;
+  auto* associate_command = app.add_subcommand("associate", "Find common landmarks in association problems");
+  associate_command->add_option("problems", problems, "problem files (.assoc)")->required();
+  associate_command->add_option("--method", association.method, "how to search (default: alignment)")
+      ->check(CLI::IsMember(cli::association_methods()));
+  associate_command->add_option("--out", association.out, "folder for NAME.result of each problem");
+  associate_command->callback([&] {
+    association.problems.assign(problems.begin(), problems.end());
+    status = cli::run_associate(association);
+  });
 
   cli::consistency::ConsistencyOptions consistency;
   auto* consistency_command =

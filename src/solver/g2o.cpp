@@ -1,12 +1,10 @@
-#include <convoy/config_error.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/solver/g2o.hpp>
+#include <convoy/text_fields.hpp>
 
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 #include <unordered_map>
 
 namespace convoy {
@@ -14,12 +12,10 @@ namespace {
 
 class Parser {
  public:
-  Parser(std::string_view text, const std::string& name) : text_(text), name_(name) {}
+  Parser(std::string_view text, const std::string& name) : fields_(text, name, "g2o file") {}
 
   G2oFile parse() {
-    if (text_.find('\0') != std::string_view::npos)
-      throw ConfigError(name_ + ": a binary file; give a g2o file, which is text");
-    while (next_line()) {
+    while (fields_.next_line()) {
       if (fields_.empty() || fields_[0].front() == '#') continue;
       const std::string_view tag = fields_[0];
       if (tag == "VERTEX_SE2") vertex(2);
@@ -28,11 +24,12 @@ class Parser {
       else if (tag == "EDGE_SE3:QUAT") edge(3);
       else if (tag == "FIX") fix();
       else
-        refuse("the tag " + quoted(tag) +
-               " is not known; VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT, EDGE_SE3:QUAT and FIX are: remove or convert the "
-               "line");
+        fields_.refuse(
+            "the tag " + TextFields::quoted(tag) +
+            " is not known; VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT, EDGE_SE3:QUAT and FIX are: remove or convert the "
+            "line");
     }
-    if (edges_.empty()) throw ConfigError(name_ + ": holds no edge; a pose graph has at least one EDGE_ line");
+    if (edges_.empty()) throw ConfigError(fields_.name() + ": holds no edge; a pose graph has at least one EDGE_ line");
     link();
     return std::move(file_);
   }
@@ -43,64 +40,8 @@ class Parser {
     std::size_t line;
   };
 
-  // What is printed of a damaged file is short and of plain characters.
-  static std::string quoted(std::string_view text) {
-    constexpr std::size_t longest = 40;
-    std::string plain(text.substr(0, longest));
-    for (char& c : plain)
-      if (c < ' ' || c > '~') c = '?';
-    return "'" + plain + (text.size() > longest ? "..." : "") + "'";
-  }
-
-  [[noreturn]] void refuse_at(std::size_t line, const std::string& what) const {
-    throw ConfigError(name_ + ":" + std::to_string(line) + ": " + what);
-  }
-  [[noreturn]] void refuse(const std::string& what) const { refuse_at(line_, what); }
-
-  bool next_line() {
-    if (position_ >= text_.size()) return false;
-    const std::size_t end = std::min(text_.find('\n', position_), text_.size());
-    const std::string_view line = text_.substr(position_, end - position_);
-    position_ = end + 1;
-    ++line_;
-    fields_.clear();
-    constexpr std::string_view kBlank = " \t\r";
-    for (std::size_t at = line.find_first_not_of(kBlank); at != std::string_view::npos;) {
-      const std::size_t stop = std::min(line.find_first_of(kBlank, at), line.size());
-      fields_.push_back(line.substr(at, stop - at));
-      at = line.find_first_not_of(kBlank, stop);
-    }
-    return true;
-  }
-
-  void expect_fields(std::size_t count) const {
-    if (fields_.size() != count)
-      refuse("the line has " + std::to_string(fields_.size()) + " fields, " + std::string(fields_[0]) + " has " +
-             std::to_string(count));
-  }
-
-  std::uint64_t id(std::size_t field) const {
-    std::uint64_t value = 0;
-    const std::string_view text = fields_[field];
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc() || end != text.data() + text.size())
-      refuse("field " + std::to_string(field + 1) + " is " + quoted(text) +
-             "; it must be an id, a whole number from 0");
-    return value;
-  }
-
-  double number(std::size_t field) const {
-    double value = 0.0;
-    std::string_view text = fields_[field];
-    if (text.size() > 1 && text.front() == '+') text.remove_prefix(1);
-    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc() || end != text.data() + text.size() || !std::isfinite(value))
-      refuse("field " + std::to_string(field + 1) + " is " + quoted(fields_[field]) + "; it must be a finite number");
-    return value;
-  }
-
   void use_dimension(int dim) {
-    if (dimension_known_ && file_.dim != dim) refuse("2-D and 3-D lines are mixed; a file holds one of them");
+    if (dimension_known_ && file_.dim != dim) fields_.refuse("2-D and 3-D lines are mixed; a file holds one of them");
     file_.dim = dim;
     dimension_known_ = true;
   }
@@ -108,21 +49,22 @@ class Parser {
   std::vector<double> pose(std::size_t field, int dim) const {
     std::vector<double> result;
     const std::size_t count = dim == 2 ? 3 : 7;
-    for (std::size_t k = 0; k < count; ++k) result.push_back(number(field + k));
+    for (std::size_t k = 0; k < count; ++k) result.push_back(fields_.number(field + k));
     if (dim == 2) return result;
     Eigen::Map<Eigen::Vector4d> q(result.data() + 3);
     const double norm = q.norm();
     if (!(std::abs(norm - 1.0) < 1e-3))
-      refuse("the quaternion (qx qy qz qw) has norm " + std::to_string(norm) + "; it must be 1: normalise it");
+      fields_.refuse("the quaternion (qx qy qz qw) has norm " + std::to_string(norm) + "; it must be 1: normalise it");
     q /= norm;
     return result;
   }
 
   void vertex(int dim) {
     use_dimension(dim);
-    expect_fields(dim == 2 ? 5 : 9);
-    const std::uint64_t key = id(1);
-    if (!vertex_of_.emplace(key, 0).second) refuse("vertex " + std::to_string(key) + " is given twice; remove one");
+    fields_.expect_fields(dim == 2 ? 5 : 9);
+    const std::uint64_t key = fields_.id(1);
+    if (!vertex_of_.emplace(key, 0).second)
+      fields_.refuse("vertex " + std::to_string(key) + " is given twice; remove one");
     file_.vertices.push_back({key, pose(2, dim)});
   }
 
@@ -130,16 +72,16 @@ class Parser {
     use_dimension(dim);
     const int n = dim == 2 ? 3 : 6;
     const std::size_t numbers = dim == 2 ? 3 : 7;
-    expect_fields(3 + numbers + static_cast<std::size_t>(n * (n + 1) / 2));
-    edges_.push_back({id(1), id(2), line_});
+    fields_.expect_fields(3 + numbers + static_cast<std::size_t>(n * (n + 1) / 2));
+    edges_.push_back({fields_.id(1), fields_.id(2), fields_.line()});
     if (edges_.back().from == edges_.back().to)
-      refuse("the edge leads from vertex " + std::to_string(edges_.back().from) + " to itself; remove it");
+      fields_.refuse("the edge leads from vertex " + std::to_string(edges_.back().from) + " to itself; remove it");
     G2oFile::Edge parsed;
     parsed.measured = pose(3, dim);
     parsed.information.resize(n, n);
     std::size_t field = 3 + numbers;
     for (int r = 0; r < n; ++r)
-      for (int c = r; c < n; ++c) parsed.information(r, c) = parsed.information(c, r) = number(field++);
+      for (int c = r; c < n; ++c) parsed.information(r, c) = parsed.information(c, r) = fields_.number(field++);
     check_information(parsed.information);
     file_.edges.push_back(std::move(parsed));
   }
@@ -149,18 +91,18 @@ class Parser {
     constexpr double kSmallest = 1e-12;
     const std::string which = "the information matrix (upper triangle, row by row) is not positive definite: ";
     if (!(W.diagonal().array() > 0.0).all())
-      refuse(which + "each entry of its diagonal must be above 0; correct or remove the line");
+      fields_.refuse(which + "each entry of its diagonal must be above 0; correct or remove the line");
     const Eigen::VectorXd scale = W.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::MatrixXd scaled = scale.asDiagonal() * W * scale.asDiagonal();
     const double smallest = eigenvalues(scaled)[0];
     if (!(smallest > kSmallest))
-      refuse(which + (std::abs(smallest) <= kSmallest ? "it is singular" : "an eigenvalue is negative") +
-             "; correct or remove the line");
+      fields_.refuse(which + (std::abs(smallest) <= kSmallest ? "it is singular" : "an eigenvalue is negative") +
+                     "; correct or remove the line");
   }
 
   void fix() {
-    expect_fields(2);
-    fixes_.push_back({id(1), 0, line_});
+    fields_.expect_fields(2);
+    fixes_.push_back({fields_.id(1), 0, fields_.line()});
   }
 
   // Ids to indices, in the order of ids.
@@ -173,9 +115,9 @@ class Parser {
     for (std::size_t k = 0; k < file_.vertices.size(); ++k) vertex_of_[file_.vertices[k].id] = static_cast<int>(k);
     for (const RawEdge& fix : fixes_)
       if (fix.from != file_.vertices.front().id)
-        refuse_at(fix.line, "FIX of vertex " + std::to_string(fix.from) + "; only the first vertex, " +
-                                std::to_string(file_.vertices.front().id) +
-                                ", can be fixed, and always is: remove the line");
+        fields_.refuse_at(fix.line, "FIX of vertex " + std::to_string(fix.from) + "; only the first vertex, " +
+                                        std::to_string(file_.vertices.front().id) +
+                                        ", can be fixed, and always is: remove the line");
     for (std::size_t k = 0; k < edges_.size(); ++k) {
       file_.edges[k].from = index_of(edges_[k].from, edges_[k].line);
       file_.edges[k].to = index_of(edges_[k].to, edges_[k].line);
@@ -185,15 +127,12 @@ class Parser {
   int index_of(std::uint64_t key, std::size_t line) const {
     const auto found = vertex_of_.find(key);
     if (found == vertex_of_.end())
-      refuse_at(line, "the edge names vertex " + std::to_string(key) +
-                          ", which has no VERTEX line; add it, or remove all of them");
+      fields_.refuse_at(line, "the edge names vertex " + std::to_string(key) +
+                                  ", which has no VERTEX line; add it, or remove all of them");
     return found->second;
   }
 
-  std::string_view text_;
-  std::string name_;
-  std::size_t position_ = 0, line_ = 0;
-  std::vector<std::string_view> fields_;
+  TextFields fields_;
   G2oFile file_;
   bool dimension_known_ = false;
   std::vector<RawEdge> edges_, fixes_;
@@ -250,13 +189,7 @@ std::string text_of(const G2oFile& file, const std::vector<G>& poses, const std:
 
 G2oFile parse_g2o(std::string_view text, const std::string& name) { return Parser(text, name).parse(); }
 
-G2oFile read_g2o(const std::filesystem::path& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path))
-    throw ConfigError(path.string() + ": cannot be read; give a g2o file");
-  const std::string text{std::istreambuf_iterator<char>(in), {}};
-  return parse_g2o(text, path.string());
-}
+G2oFile read_g2o(const std::filesystem::path& path) { return parse_g2o(read_text(path, "g2o file"), path.string()); }
 
 PoseGraph<SE2> pose_graph_se2(const G2oFile& file) { return graph_of<SE2>(file); }
 PoseGraph<SE3> pose_graph_se3(const G2oFile& file) { return graph_of<SE3>(file); }
