@@ -8,27 +8,6 @@
 namespace convoy {
 namespace {
 
-// Kabsch: the rotation that best takes b to a, all pairs weighted alike.
-template <class G>
-G closed_form(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings) {
-  typename G::Point mean_a = G::Point::Zero(), mean_b = G::Point::Zero();
-  const double n = static_cast<double>(pairings.size());
-  for (const auto& [i, j] : pairings) {
-    mean_a += a.landmarks[static_cast<std::size_t>(i)].position / n;
-    mean_b += b.landmarks[static_cast<std::size_t>(j)].position / n;
-  }
-  using Matrix = typename G::PointCovariance;
-  Matrix cross = Matrix::Zero();
-  for (const auto& [i, j] : pairings)
-    cross += (a.landmarks[static_cast<std::size_t>(i)].position - mean_a) *
-             (b.landmarks[static_cast<std::size_t>(j)].position - mean_b).transpose();
-  const Eigen::JacobiSVD<Matrix> svd(cross, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Matrix proper = Matrix::Identity();  // no reflections
-  proper(G::Dim - 1, G::Dim - 1) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
-  const Matrix R = svd.matrixU() * proper * svd.matrixV().transpose();
-  return G::from_rotation(R, mean_a - R * mean_b);
-}
-
 // One pair at an alignment: its residual, the noise on it, and r = -J (d, u_a, u_b) + noise.
 template <class G>
 struct PairResidual {
@@ -58,13 +37,33 @@ bool fixes_rotation(const Alignment<G>& alignment) {
 }  // namespace
 
 template <class G>
+G closed_form_alignment(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings) {
+  typename G::Point mean_a = G::Point::Zero(), mean_b = G::Point::Zero();
+  const double n = static_cast<double>(pairings.size());
+  for (const auto& [i, j] : pairings) {
+    mean_a += a.landmarks[static_cast<std::size_t>(i)].position / n;
+    mean_b += b.landmarks[static_cast<std::size_t>(j)].position / n;
+  }
+  using Matrix = typename G::PointCovariance;
+  Matrix cross = Matrix::Zero();
+  for (const auto& [i, j] : pairings)
+    cross += (a.landmarks[static_cast<std::size_t>(i)].position - mean_a) *
+             (b.landmarks[static_cast<std::size_t>(j)].position - mean_b).transpose();
+  const Eigen::JacobiSVD<Matrix> svd(cross, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Matrix proper = Matrix::Identity();  // no reflections
+  proper(G::Dim - 1, G::Dim - 1) = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0.0 ? -1.0 : 1.0;
+  const Matrix R = svd.matrixU() * proper * svd.matrixV().transpose();
+  return G::from_rotation(R, mean_a - R * mean_b);
+}
+
+template <class G>
 std::optional<Alignment<G>> align(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings) {
   if (static_cast<int>(pairings.size()) < G::Dim) return std::nullopt;
   constexpr int Size = Alignment<G>::Size;
   using Matrix = Eigen::Matrix<double, Size, Size>;
   using Vector = Eigen::Matrix<double, Size, 1>;
   Alignment<G> result;
-  result.T_a_b = closed_form(a, b, pairings);
+  result.T_a_b = closed_form_alignment(a, b, pairings);
   result.dof = G::Dim * static_cast<int>(pairings.size()) - G::Dof;
   for (int iteration = 0; iteration < 30; ++iteration) {
     Matrix information = Matrix::Zero();
@@ -108,6 +107,7 @@ double residual_chi2(const Alignment<G>& alignment, const LandmarkFact<G>& i, co
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                                     \
+  template G closed_form_alignment(const Batch<G>&, const Batch<G>&, const std::vector<IndexPairing>&);           \
   template std::optional<Alignment<G>> align(const Batch<G>&, const Batch<G>&, const std::vector<IndexPairing>&); \
   template typename G::PointCovariance residual_covariance(const Alignment<G>&, const LandmarkFact<G>&,           \
                                                            const LandmarkFact<G>&);                               \

@@ -23,6 +23,11 @@ struct Alignment {
   typename G::Covariance covariance() const { return joint.template topLeftCorner<G::Dof, G::Dof>(); }
 };
 
+/// The motion T_a_b that takes the paired landmarks of b to those of a with the least sum of squares, all weighted alike
+/// (Kabsch 1976). At least one pair; what the pairs leave open is arbitrary.
+template <class G>
+G closed_form_alignment(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings);
+
 /// Maximum a posteriori alignment of at least Dim pairs: closed-form start (Kabsch), then Gauss-Newton on
 /// r = (l_i - loading_i u_a) - T_a_b (l_j - loading_j u_b) with what is each landmark's own as noise and u ~ N(0, I).
 /// Empty if the geometry does not fix the motion: points in one place, in space also points in a row.
