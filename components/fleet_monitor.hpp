@@ -11,7 +11,7 @@ class FleetMonitor {
  public:
   /// `exchange` must outlive it. Throws ConfigError.
   FleetMonitor(SubmapExchange<G>& exchange, const SubmapManagerParams& params)
-      : mute_(exchange), manager_({observer, 1}, mute_, without_roster(params)) {}
+      : mute_(exchange), manager_({observer, 1}, mute_, with_observer(params)) {}
 
   /// Takes what has come in, and rebuilds the map when it is due.
   void step(double now_s) {
@@ -27,7 +27,7 @@ class FleetMonitor {
  private:
   static constexpr VehicleId observer = 0xffffffffU;  // the last id; no vehicle should use it
 
-  static SubmapManagerParams without_roster(SubmapManagerParams params) {
+  static SubmapManagerParams with_observer(SubmapManagerParams params) {
     if (!params.limits.roster.empty()) params.limits.roster.push_back(observer);
     return params;
   }

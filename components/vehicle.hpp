@@ -54,7 +54,7 @@ struct VehicleSnapshot {
   /// All chains heard of, each as of its own slam.stamp_s: this one now, a peer when it last spoke (VehicleParams::
   /// live_period_s of its own, or its last anchor).
   std::vector<VehicleState<G>> vehicles;
-  Hash facts_digest = 0, map_digest = 0, selection_digest = 0;  ///< of a map, of the last exact one
+  Hash facts_digest = 0, map_digest = 0, selection_digest = 0;  ///< all three of the last exact map
   bool settled = false;  ///< nothing missing, nothing to search, and the map is exact and holds every fact
   std::uint64_t facts_missing = 0;
   std::uint64_t landmarks_known = 0;

@@ -421,7 +421,7 @@ std::string drift_fragment(const CalibrationResult& r) {
                      with_interval(r.fit[VariancePart::gamma]) + "; rate_x, rate_y " +
                      with_interval(r.given[VariancePart::translation]) + "; rate_theta " +
                      with_interval(r.given[VariancePart::rotation]) + "; landmark_inflation " +
-                     with_interval(r.landmark_inflation) + " -->\n";
+                     with_interval(r.landmark_inflation) + ", never taken below 1 -->\n";
   text += "<drift gamma=\"" + number(std::max(1e-3, safe_value(r.given[VariancePart::gamma]))) +
           "\" rate_x_m2_per_m=\"" + xy + "\" rate_y_m2_per_m=\"" + xy + "\" rate_theta_rad2_per_m=\"" +
           number(safe_value(r.given[VariancePart::rotation])) + "\"";
@@ -444,9 +444,8 @@ std::string calibration_text(const CalibrationResult& r) {
        r.by_truth ? std::to_string(r.fit.residuals / 3) + " spans of " + short_number(r.span_m) + " m or more, " +
                         std::to_string(r.drives.size()) + " drives"
                   : std::to_string(r.closures) + " accepted closures, " + std::to_string(r.drives.size()) + " drives");
-  line("",
-       "best value  [95 % interval]; the element takes what is not told from zero at its upper end, and gamma as 1");
-  line("", "as long as its interval holds 1");
+  line("", "best value  [95 % interval]; the element takes what is not told from zero at its upper end, gamma as 1 as");
+  line("", "long as its interval holds 1 and never below 0.001, and landmark_inflation never below 1");
   line("gamma", with_interval(r.fit[VariancePart::gamma]));
   line("rate of x, y [m^2/m]", with_interval(r.fit[VariancePart::translation]));
   line("rate of heading [rad^2/m]", with_interval(r.fit[VariancePart::rotation]));

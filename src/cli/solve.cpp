@@ -173,9 +173,10 @@ SolveSummary solve_graph(const SolveOptions& options) {
 
 int run_solve(const SolveOptions& options) {
   const SolveSummary summary = solve_graph(options);
-  std::printf("%zu nodes, %zu factors: cost %.10g -> %.10g, %d iterations, %.3f s; %s\n", summary.nodes,
-              summary.factors, summary.report.initial_cost, summary.report.final_cost, summary.report.iterations,
-              summary.seconds, (options.out / "solve.json").c_str());
+  const int iterations = summary.report.iterations;
+  std::printf("%zu nodes, %zu factors: cost (half chi-square) %.10g -> %.10g, %d iteration%s, %.3f s; %s\n",
+              summary.nodes, summary.factors, summary.report.initial_cost, summary.report.final_cost, iterations,
+              iterations == 1 ? "" : "s", summary.seconds, (options.out / "solve.json").c_str());
   if (summary.report.converged) return 0;
   std::printf(
       "did not converge: the start found from the edges is too far from the solution, or the edges contradict each "

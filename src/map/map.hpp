@@ -13,8 +13,8 @@ namespace convoy {
 
 template <class G>
 struct Estimate {
-  G mean;                                                     ///< T_common_body
-  typename G::Covariance covariance = G::Covariance::Zero();  ///< of a right perturbation
+  G mean;                                                     ///< T_common_body; of a chain not aligned: T_chain_body
+  typename G::Covariance covariance = G::Covariance::Zero();  ///< right perturbation (rho [m], theta [rad])
 };
 
 template <class G>
@@ -38,7 +38,7 @@ class CovarianceSource {
 /// A pose and points around it as the map knows them together.
 template <class G>
 struct Surroundings {
-  G pose;  ///< T_common_body
+  G pose;  ///< T_common_body; of a chain that is not aligned: T_chain_body
   typename G::Covariance motion =
       G::Covariance::Zero();              ///< of what it owes to the SLAM since the last node, not the map
   std::vector<typename G::Point> points;  ///< common frame [m]
@@ -64,7 +64,7 @@ class Map {
   bool aligned(const ChainId& chain) const;
 
   /// The pose where a vehicle's SLAM said `state`, corrected: extrapolated from the last node before it, or smoothed
-  /// between two. O(1) in the length of the chain up to the search for the nodes. Empty if the chain is unknown.
+  /// between two. O(1) in its length but for finding the nodes. Empty if unknown; aligned() tells which frame it is in.
   std::optional<Estimate<G>> pose(const ChainId& chain, const ChainState<G>& state);
 
   /// Joint covariance of two such poses, (d_a, d_b): 2 Dof x 2 Dof. Empty if one of the chains is unknown.
@@ -81,8 +81,8 @@ class Map {
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
 
-  /// What the map has learnt of the constants of a chain (scale, heading rate): mean and standard deviation. Empty if
-  /// it states none.
+  /// What the map has learnt of kappa (true distance = (1 + kappa) x said) and g [rad/m] of a chain: mean and standard
+  /// deviation. Empty if it states none.
   struct Learnt {
     Eigen::Vector2d mean, sigma;
   };

@@ -26,7 +26,7 @@ struct PriorFactor {
   typename G::Covariance covariance;
 };
 
-/// The constants of a chain: kappa, g, and in space the height [m] of its start in the common frame.
+/// Constants of a chain: kappa (scale), g [rad/m], and in space the height [m] of its start in the common frame.
 template <class G>
 using Constants = Eigen::Matrix<double, G::Dim == 2 ? 2 : 3, 1>;
 template <class G>

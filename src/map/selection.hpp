@@ -21,7 +21,7 @@ struct SelectionParams {
   double max_runner_up_share = 0.25;  ///< of the weight (pairings) of the set that holds together; beyond: ambiguous
   DriftSlack slack{0.01, 1e-4};       ///< persistent drift errors that alone contradict nothing
   int min_confirmed = 2;              ///< hypotheses that must hold together to link two chains; 1: the first one may
-  double separation = 0.9;  ///< a landmark leaves its class unless every other way fits this much worse, chi-square
+  double separation = 0.9;  ///< confidence, (0, 1): a landmark leaves its class unless all others fit that much worse
   /// Errors of a receiver of absolute positions hang together for about this long: one fix per chain and time enters.
   /// [s]
   double fix_correlation_s = 60.0;

@@ -115,9 +115,9 @@ class Parser {
     for (std::size_t k = 0; k < file_.vertices.size(); ++k) vertex_of_[file_.vertices[k].id] = static_cast<int>(k);
     for (const RawEdge& fix : fixes_)
       if (fix.from != file_.vertices.front().id)
-        fields_.refuse_at(fix.line, "FIX of vertex " + std::to_string(fix.from) + "; only the first vertex, " +
-                                        std::to_string(file_.vertices.front().id) +
-                                        ", can be fixed, and always is: remove the line");
+        fields_.refuse_at(
+            fix.line, "FIX of vertex " + std::to_string(fix.from) + "; only the vertex with the smallest id, " +
+                          std::to_string(file_.vertices.front().id) + ", can be fixed, and always is: remove the line");
     for (std::size_t k = 0; k < edges_.size(); ++k) {
       file_.edges[k].from = index_of(edges_[k].from, edges_[k].line);
       file_.edges[k].to = index_of(edges_[k].to, edges_[k].line);

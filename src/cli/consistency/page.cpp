@@ -26,7 +26,11 @@ SvgPlot::Style look_of(const std::string& model) {
   return {"#1f77b4"};
 }
 
-std::string met_cell(bool met) { return met ? "<td class=\"text\">met</td>" : "<td class=\"text miss\">miss</td>"; }
+std::string met_cell(const Demand& d) {
+  return d.met          ? "<td class=\"text\">met</td>"
+         : d.of_verdict ? "<td class=\"text miss\">miss</td>"
+                        : "<td class=\"text miss\">miss, beside the verdict</td>";
+}
 
 using Rows = std::vector<const Row*>;
 
@@ -79,12 +83,13 @@ std::string demand_table(const ConsistencyResult& result) {
       "<div class=\"scroll\"><table><tr><th class=\"text\">asked of the estimator</th><th class=\"text\">figure asked"
       "</th><th class=\"text\">measured</th><th class=\"text\"></th><th class=\"text\">why</th></tr>\n";
   for (const Demand& d : result.demands)
-    html += "<tr>" + text_cell(d.what) + text_cell(d.asked) + text_cell(d.measured) + met_cell(d.met) +
+    html += "<tr>" + text_cell(d.what) + text_cell(d.asked) + text_cell(d.measured) + met_cell(d) +
             text_cell(d.met ? "" : d.reason) + "</tr>\n";
   return html + "</table></div>\n";
 }
 
 std::string control_table(const ConsistencyResult& result) {
+  if (result.controls.empty()) return "<p>None belongs to what --only asked for.</p>\n";
   std::string html =
       "<div class=\"scroll\"><table><tr><th class=\"text\">control</th><th class=\"text\">must be</th><th "
       "class=\"text\">measured</th>"
@@ -119,6 +124,15 @@ std::string row_table(const ConsistencyResult& result) {
   return html + "</table></div>\n";
 }
 
+std::string lead(const ConsistencyResult& result) {
+  if (!result.judged()) return "Nothing that was measured belongs to the verdict. ";
+  if (!result.enough_runs())
+    return "<span class=\"miss\">No verdict: " + xml_escaped(few_runs_words(result.options.runs)) + "</span> ";
+  if (!result.pass()) return "<span class=\"miss\">The suite does not pass.</span> ";
+  return result.controls.empty() ? "The estimator passes. "
+                                 : "The estimator passes, and every negative control fails. ";
+}
+
 std::string misses(const ConsistencyResult& result) {
   const auto count =
       std::count_if(result.demands.begin(), result.demands.end(), [](const Demand& d) { return !d.met; });
@@ -132,11 +146,7 @@ std::string misses(const ConsistencyResult& result) {
 
 std::string consistency_page(const ConsistencyResult& result) {
   std::string html = page_begin("convoy: consistency") + "<h1>Consistency</h1>\n<p class=\"lead\">";
-  html += !result.judged() ? "Nothing of the verdict was measured. "
-          : result.pass()  ? "The estimator passes, and every negative control fails. "
-                           : "<span class=\"miss\">The suite does not pass.</span> ";
-  if (result.judged() && !result.enough_runs())
-    html += "<span class=\"miss\">" + xml_escaped(few_runs_words(result.options.runs)) + "</span> ";
+  html += lead(result);
   if (!result.options.only.empty())
     html += "Only scenarios whose name holds '" + xml_escaped(result.options.only) + "' were measured. ";
   html +=

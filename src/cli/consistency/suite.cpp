@@ -120,7 +120,7 @@ class Suite {
     result_.rows.push_back(std::move(row));
     const Row& r = result_.rows.back();
     const double seconds = seconds_so_far();
-    if (result_.options.progress && seconds > 2.0) {
+    if (result_.options.progress) {
       std::printf("%6.1f s  %d-D %s, %s, %s: ANEES %.3f, coverage %.3f\n", seconds, r.dim, r.simulator.c_str(),
                   r.scenario.c_str(), r.model.c_str(), r.summary.anees, r.summary.coverage95);
       std::fflush(stdout);
@@ -287,7 +287,7 @@ class Suite {
     papers_own<G>(params, scenario);
     const ExactVerdict v = exact_verdict({told});
     result_.demands.push_back(
-        {dim + " exact model, " + words + ": ANEES in the 95 % band, coverage", ">= 90 % of the steps, 93 to 97 %",
+        {dim + " exact model, " + scenario + ": ANEES in the 95 % band, coverage", ">= 90 % of the steps, 93 to 97 %",
          percent(v.steps_in_band) + ", " + interval_words(told) + ", coverage " + percent(v.coverage95), v.consistent(),
          true, ""});
     control(dim + " " + words + ", untold", Side::overconfident, exact_verdict({untold}));
@@ -311,7 +311,8 @@ class Suite {
     papers_own<G>(params, scenario_of(params));
     const ExactVerdict v = exact_verdict({s});
     result_.demands.push_back(
-        {dim + " exact model, 1 km of full drift: ANEES in the 95 % band, coverage", ">= 90 % of the steps, 93 to 97 %",
+        {dim + " exact model, " + scenario_of(params) + ": ANEES in the 95 % band, coverage",
+         ">= 90 % of the steps, 93 to 97 %",
          percent(v.steps_in_band) + ", " + interval_words(s) + ", coverage " + percent(v.coverage95), v.consistent(),
          false,
          s.anees > 1.0
@@ -403,7 +404,7 @@ class Suite {
   }
 
   void demand_ekf_slam(int dim, const SlamScenario& scenario, const Summary& s) {
-    const std::string what = (dim == 2 ? "" : std::to_string(dim) + "-D ") + ("EKF-SLAM, " + scenario.name) + ": ";
+    const std::string what = dimension(dim) + " EKF-SLAM, " + scenario.name + ": ";
     const char* reason = s.anees < 0.6 ? "on the safe side: the default drift rate and landmark_inflation 2 come on "
                                          "top of noise that this SLAM states itself"
                                        : "";
@@ -464,11 +465,12 @@ class Suite {
             .summary;
     const std::string share = std::to_string(s.true_dropped) + " of " + std::to_string(s.true_stated) + " (" +
                               percent(s.true_dropped / std::max(1.0, static_cast<double>(s.true_stated))) + ")";
-    result_.demands.push_back({scenario + ": false fusions", "0",
+    const std::string what = dimension(2) + " exact model, " + scenario;
+    result_.demands.push_back({what + ": false fusions", "0",
                                std::to_string(s.false_fusions) + " of " + std::to_string(s.false_stated),
                                s.false_fusions == 0, false, ""});
     result_.demands.push_back(
-        {scenario + ": true sets dropped", "<= 2 %", share, s.true_dropped <= 0.02 * s.true_stated, false, ""});
+        {what + ": true sets dropped", "<= 2 %", share, s.true_dropped <= 0.02 * s.true_stated, false, ""});
   }
 
   std::chrono::steady_clock::time_point start_;
@@ -502,6 +504,10 @@ bool fails_on(Side side, const ExactVerdict& v) {
 
 const char* to_string(Side side) { return side == Side::overconfident ? "overconfident" : "cautious"; }
 
+bool ConsistencyResult::judged() const {
+  return !controls.empty() || std::any_of(demands.begin(), demands.end(), [](const Demand& d) { return d.of_verdict; });
+}
+
 bool ConsistencyResult::pass() const {
   return std::all_of(demands.begin(), demands.end(), [](const Demand& d) { return d.met || !d.of_verdict; }) &&
          std::all_of(controls.begin(), controls.end(), [](const Control& c) { return c.failed; });
@@ -528,8 +534,8 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
            {"bootstrap_seed", result.options.seed},
            {"enough_runs", result.enough_runs()},
            {"only", result.options.only},
-           {"pass", result.judged() ? json(result.pass()) : json(nullptr)},
-           {"all_met", result.judged() ? json(result.all_met()) : json(nullptr)},
+           {"pass", result.decided() ? json(result.pass()) : json(nullptr)},
+           {"all_met", result.decided() ? json(result.all_met()) : json(nullptr)},
            {"rows", json::array()},
            {"demands", json::array()},
            {"controls", json::array()}};
@@ -571,11 +577,17 @@ nlohmann::ordered_json to_json(const ConsistencyResult& result) {
 
 namespace {
 
-const char* verdict_words(const ConsistencyResult& result) {
-  if (!result.judged()) return "measured; nothing of it is judged";
+std::string verdict_words(const ConsistencyResult& result) {
+  if (!result.judged()) return "measured; nothing of it belongs to the verdict";
+  if (!result.enough_runs()) return "no verdict: " + few_runs_words(result.options.runs);
   if (!result.pass()) return "does NOT pass: see the misses above";
-  return result.options.only.empty() ? "consistent: the model passes and every control fails"
-                                     : "consistent as far as --only goes: the model passes and every control fails";
+  return std::string(result.options.only.empty() ? "consistent: " : "consistent as far as --only goes: ") +
+         "the model passes" + (result.controls.empty() ? "" : " and every control fails");
+}
+
+const char* met_words(const Demand& d) {
+  if (d.met) return "met ";
+  return d.of_verdict ? "MISS" : "miss, beside the verdict";
 }
 
 }  // namespace
@@ -588,14 +600,13 @@ int run_consistency(const ConsistencyOptions& options) {
   std::printf("seed %llu, calibration seed %llu, %d runs per scenario\n", static_cast<unsigned long long>(options.seed),
               static_cast<unsigned long long>(result.calibration_seed), options.runs);
   for (const Demand& d : result.demands)
-    std::printf("%s  %s: %s (asked: %s)%s\n", d.met ? "met " : "MISS", d.what.c_str(), d.measured.c_str(),
-                d.asked.c_str(), d.met || d.reason.empty() ? "" : ("; " + d.reason).c_str());
+    std::printf("%s  %s: %s (asked: %s)%s\n", met_words(d), d.what.c_str(), d.measured.c_str(), d.asked.c_str(),
+                d.met || d.reason.empty() ? "" : ("; " + d.reason).c_str());
   for (const Control& c : result.controls)
     std::printf("%s  control %s, must be %s: %s\n", c.failed ? "fails, as it must" : "DOES NOT FAIL AS IT MUST",
                 c.what.c_str(), to_string(c.side), c.measured.c_str());
-  if (result.judged() && !result.enough_runs()) std::printf("%s\n", few_runs_words(result.options.runs).c_str());
-  std::printf("%s; %s\n", verdict_words(result), (options.out / "consistency.html").c_str());
-  return result.pass() ? 0 : 1;
+  std::printf("%s; %s\n", verdict_words(result).c_str(), (options.out / "consistency.html").c_str());
+  return !result.decided() || result.pass() ? 0 : 1;
 }
 
 }  // namespace convoy::cli::consistency

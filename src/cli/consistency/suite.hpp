@@ -20,7 +20,7 @@ struct ConsistencyOptions {
       data;          ///< of recordings, see measure_real_drift(); empty: the environment variable CONVOY_DATA_DIR
   std::string only;  ///< only scenarios whose name holds this; empty: all
   std::filesystem::path out;  ///< folder; gets consistency.json and consistency.html
-  bool progress = true;       ///< one line per row and what is left to stdout, once it takes longer than two seconds
+  bool progress = true;       ///< one line per row to stdout, and what is left once it takes longer than two seconds
 };
 
 /// One model on one scenario.
@@ -67,9 +67,10 @@ struct ConsistencyResult {
   std::vector<Row> rows;
   std::vector<Demand> demands;
   std::vector<Control> controls;
-  RealDrift real_drift;                                                  ///< measured beside the verdict
-  bool judged() const { return !demands.empty() || !controls.empty(); }  ///< else there is no verdict
+  RealDrift real_drift;  ///< measured beside the verdict
+  bool judged() const;   ///< something belongs to the verdict
   bool enough_runs() const { return options.runs >= consistency::enough_runs; }
+  bool decided() const { return judged() && enough_runs(); }  ///< else there is no verdict
   bool pass() const;     ///< the model meets every demand of the verdict, and every control fails it
   bool all_met() const;  ///< no miss at all
 };

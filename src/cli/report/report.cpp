@@ -81,7 +81,7 @@ std::string tiles(const json& m) {
   out += tile(show(m.at("facts_lost"), 0), "facts lost", above_zero(m.at("facts_lost")));
   out += tile(show_yes_no(m.at("map_digests_equal")), "all maps equal", m.at("map_digests_equal") == json(false));
   out += tile(show(worst(m.at("vehicles"), "bytes_per_s_mean"), 0, "B/s"), "sent, busiest vehicle");
-  out += tile(show(m.at("real_time_factor"), 1, "x"), "real time");
+  out += tile(show(m.at("real_time_factor"), 1, "x"), "vehicle time per second");
   return out + "</div>\n";
 }
 
