@@ -14,6 +14,11 @@ class StripIndex {
  public:
   /// `strip_m` > 0.
   explicit StripIndex(double strip_m) : strip_m_(strip_m) {}
+  /// Points numbered from 0, sorted.
+  StripIndex(const std::vector<Eigen::Vector2d>& points, double strip_m) : StripIndex(strip_m) {
+    for (std::size_t k = 0; k < points.size(); ++k) add(points[k], static_cast<int>(k));
+    sort();
+  }
 
   /// A point [m] under a number of its own. Then sort().
   void add(const Eigen::Vector2d& point, int number) { items_.push_back({strip_of(point.y()), point, number}); }

@@ -1,5 +1,6 @@
 #include "associate.hpp"
 
+#include <convoy/association/baselines.hpp>
 #include <convoy/association/problem_file.hpp>
 #include <convoy/config_error.hpp>
 
@@ -15,14 +16,37 @@
 namespace convoy::cli {
 namespace {
 
+constexpr std::uint64_t max_nodes = 20'000'000;
+
+/// Ways that decide whether what they found means anything ...
 const std::map<std::string, SearchMethod> methods = {
     {"alignment", SearchMethod::alignment}, {"gcbb", SearchMethod::gcbb}, {"fig5", SearchMethod::fig5}};
+
+/// ... and those that cannot: they accept whatever is large enough.
+const std::vector<std::string> baselines = {"delaunay", "jcbb", "triplets"};
+
+template <class G>
+AssociationResult<G> by_baseline(const std::string& name, const AssociationProblem<G>& p) {
+  const SearchResult found = name == "jcbb"       ? jcbb(p.map, p.fresh, p.prior, p.confidence, max_nodes)
+                             : name == "delaunay" ? delaunay(p.map, p.fresh, p.prior, p.confidence)
+                                                  : triplets(p.map, p.fresh, p.prior, p.confidence);
+  AssociationResult<G> result;
+  result.nodes = found.nodes;
+  result.support = static_cast<int>(found.pairings.size());
+  for (const auto& [i, j] : found.pairings)
+    result.pairings.emplace_back(p.map.landmarks[static_cast<std::size_t>(i)].key,
+                                 p.fresh.landmarks[static_cast<std::size_t>(j)].key);
+  const bool large = result.support >= AssociationParams().min_pairings;
+  result.decision = large ? Decision::accepted : Decision::none;
+  result.rejection = large ? Rejection::not_rejected : Rejection::too_few_pairings;
+  return result;
+}
 
 AssociationParams params_for(const AssociateOptions& options, double confidence) {
   AssociationParams params;
   params.method = methods.at(options.method);
   params.constraints.compatibility = confidence;
-  params.max_nodes = 20'000'000;
+  params.max_nodes = max_nodes;
   return params;
 }
 
@@ -52,9 +76,11 @@ std::string result_text(const AssociationProblem<G>& problem, const AssociationR
 
 template <class G>
 void solve(const AssociationProblem<G>& problem, const AssociateOptions& options) {
-  const AssociationParams params = params_for(options, problem.confidence);
   const auto start = std::chrono::steady_clock::now();
-  const AssociationResult<G> result = associate(problem.map, problem.fresh, problem.prior, params, problem.looks_alike);
+  const AssociationResult<G> result = methods.count(options.method) == 0
+                                          ? by_baseline(options.method, problem)
+                                          : associate(problem.map, problem.fresh, problem.prior,
+                                                      params_for(options, problem.confidence), problem.looks_alike);
   const double ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
   std::printf("%-40s %-9s %-18s %3zu pairs, runner-up %2d, %8.1f ms\n", problem.name.c_str(),
               to_string(result.decision), to_string(result.rejection), result.pairings.size(), result.runner_up, ms);
@@ -78,7 +104,7 @@ void refuse_bad_names(const std::vector<AnyAssociationProblem>& problems, const 
 }  // namespace
 
 std::vector<std::string> association_methods() {
-  std::vector<std::string> names;
+  std::vector<std::string> names = baselines;
   for (const auto& [name, method] : methods) names.push_back(name);
   return names;
 }
