@@ -100,7 +100,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("association", "loop", a.constraints.loop);
   visit("association", "distance", a.constraints.distance);
   visit("association", "min_distance_m", a.constraints.min_distance_m);
-  visit("association", "literal_search", a.literal_search);
+  visit("association", "method", a.method);
   visit("association", "max_nodes", a.max_nodes);
   visit("association", "min_pairings", a.min_pairings);
   visit("association", "residual", a.residual);
@@ -109,6 +109,13 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("association", "max_false_alarms", a.max_false_alarms);
   visit("association", "max_runner_up_share", a.max_runner_up_share);
   visit("association", "min_runner_up_false_alarms", a.min_runner_up_false_alarms);
+  visit("association", "alignment_gate", a.alignment.gate);
+  visit("association", "min_odds", a.alignment.min_odds);
+  visit("association", "density_radius_m", a.alignment.density_radius_m);
+  visit("association", "max_proposals", a.alignment.max_proposals);
+  visit("association", "max_votes", a.alignment.max_votes);
+  visit("association", "max_chance_places", a.max_chance_places);
+  visit("association", "max_runner_up_likelihood", a.max_runner_up_likelihood);
 
   SubmapManagerParams& s = v.submaps;
   visit("map", "backend", s.backend);
@@ -243,6 +250,11 @@ void parse(const std::string& where, const char* text, bool& value) {
 void parse(const std::string& where, const char* text, DriftModel& value) {
   parse_choice<DriftModel>(where, text, value, {{"local", DriftModel::local}, {"literal", DriftModel::literal}});
 }
+void parse(const std::string& where, const char* text, SearchMethod& value) {
+  parse_choice<SearchMethod>(
+      where, text, value,
+      {{"alignment", SearchMethod::alignment}, {"gcbb", SearchMethod::gcbb}, {"fig5", SearchMethod::fig5}});
+}
 void parse(const std::string& where, const char* text, MapBackend& value) {
   parse_choice<MapBackend>(where, text, value, {{"sparse", MapBackend::sparse}, {"ekf", MapBackend::ekf}});
 }
@@ -265,6 +277,7 @@ template <class Integer>
 requires std::is_integral_v<Integer> std::string text_of(Integer value) { return std::to_string(value); }
 std::string text_of(bool value) { return value ? "true" : "false"; }
 std::string text_of(DriftModel model) { return model == DriftModel::local ? "local" : "literal"; }
+std::string text_of(SearchMethod method) { return to_string(method); }
 std::string text_of(MapBackend backend) { return backend == MapBackend::sparse ? "sparse" : "ekf"; }
 std::string text_of(const std::string& value) { return value; }
 std::string text_of(const std::filesystem::path& value) { return value.string(); }

@@ -92,7 +92,7 @@ template <class G>
 void use_paper_method(VehicleConfig<G>& c) {
   c.vehicle.drift.model = DriftModel::literal;
   c.vehicle.submaps.backend = MapBackend::ekf;
-  c.vehicle.association.literal_search = true;
+  c.vehicle.association.method = SearchMethod::fig5;
   c.front_end.max_remembered = 0;  // its live pose is that of the SLAM, moved by the bias of the last anchor
 }
 

@@ -113,6 +113,29 @@ Demand keeping_memory(const char* what, const char* group) {
           million(group, "bytes_each"),
           {{"std::unordered_map, no check, no index", million(group, "baseline_bytes")}}};
 }
+// Recorded association problems. Methods by their numbers: 0 alignment, 1 gcbb; signatures: 0 unused, 1 used.
+constexpr const char* recorded = "Association: 40 recorded problems, 29 of them with something in common";
+Source associated(int method, int signatures, const char* value) {
+  return {"association", "BM_recorded/" + std::to_string(method) + "/" + std::to_string(signatures), value};
+}
+Baseline reference(const char* name, int number, const char* value) {
+  return {name, {"association", "BM_references/" + std::to_string(number), value}};
+}
+Demand association_count(const char* what, Asked asked, int signatures, const char* value) {
+  return {recorded,
+          what,
+          asked,
+          "",
+          associated(0, signatures, value),
+          {{"gcbb", associated(1, signatures, value)},
+           reference("JCBB, 100 k nodes", 0, value),
+           reference("closest neighbours", 1, value),
+           reference("Delaunay triangles", 2, value)}};
+}
+Demand association_time(const char* what, Asked asked, int signatures, const char* value) {
+  return {recorded, what, asked, "ms", associated(0, signatures, value), {{"gcbb", associated(1, signatures, value)}}};
+}
+
 Demand cold_time(const char* what, Graph number) {
   return {"Public pose graphs: the cold solution",
           what,
@@ -170,6 +193,37 @@ const std::vector<Demand>& demands() {
       cold_cost("KITTI 06", kitti_06, 12.97354256),
       cold_cost("KITTI 07", kitti_07, 6.33051813),
       cold_cost("KITTI 09", kitti_09, 17.19141398),
+      association_count("not right, by geometry", size_at_most(7), 0, "not_right"),
+      association_count("not right, with signatures", size_at_most(3), 1, "not_right"),
+      association_count("accepted where nothing is in common, by geometry", size_at_most(0), 0, "false_accepts"),
+      association_count("accepted where nothing is in common, with signatures", size_at_most(0), 1, "false_accepts"),
+      association_count("accepted and wrong, with signatures", size_at_most(0), 1, "accepted_wrong"),
+      {recorded,
+       "distance from the truth, median, by geometry",
+       size_at_most(0.06),
+       "m",
+       associated(0, 0, "median_m"),
+       {}},
+      association_time("by geometry, 90 %", nothing, 0, "p90_ms"),
+      association_time("with signatures, 90 %", nothing, 1, "p90_ms"),
+      {"Association: Fig. 5 as written, 50 new landmarks",
+       "gcbb, time to that of Fig. 5",
+       time_at_most(0.03),
+       "x",
+       {"association", "BM_recorded_gcbb", "ratio_to_baseline"},
+       {}},
+      {"Association: Fig. 5 as written, 50 new landmarks",
+       "gcbb, problems with fewer pairings than Fig. 5",
+       size_at_most(0),
+       "",
+       {"association", "BM_recorded_gcbb", "fewer_pairings"},
+       {}},
+      {"Association: a large map",
+       "50 new landmarks on 100 000, start within 22 m",
+       time_at_most(50),
+       "ms",
+       {"association", "BM_large_map/100000", "cpu_ms"},
+       {}},
       keeping_time("SE(2), time of the last tenth to that of the first", "SE2"),
       keeping_time("SE(3), time of the last tenth to that of the first", "SE3"),
       keeping_memory("SE(2), memory of each", "SE2"),

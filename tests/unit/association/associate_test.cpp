@@ -211,7 +211,7 @@ TEST(Associate, IsDeterministicToTheBit) {
 
 TEST(Associate, DecidesTheSameWithFigure5AsWritten) {
   AssociationParams literal;
-  literal.literal_search = true;
+  literal.method = SearchMethod::fig5;
   literal.max_nodes = 100'000'000;
   int accepted = 0;
   for (std::uint64_t seed = 1; seed <= 40; ++seed) {
