@@ -137,6 +137,7 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
   GlobalMap<G> result;
   result.facts = store.digest();
   std::set<Hash> dropped;  // in the round before
+  bool bent = false;       // a measurement was left out after something else had been, by a map that it had bent
   while (true) {
     Selection<G> selection = selector_.select(store, excluded_);
     const bool solved = !dropped.empty() && same_problem(result.selection, selection, dropped, result.map->problem());
@@ -148,7 +149,10 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     dropped.clear();
     const HypothesisGraph<G> graph(*result.map, result.selection);
     const Worst worst = worst_hypothesis(graph, *result.map, result.selection, params_.map_residual);
-    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst.excess, {}, {}, excluded_)) continue;
+    if (exclude_worst_measurement(*result.map, params_.fix_residual, worst.excess, {}, {}, excluded_)) {
+      bent = bent || !excluded_.hypotheses.empty() || !excluded_.landmarks.empty();
+      continue;
+    }
     if (worst.hypothesis != 0) {
       dropped = graph.outliers(params_.map_residual);
       if (dropped.empty()) dropped.insert(worst.hypothesis);
@@ -157,7 +161,10 @@ GlobalMap<G> MapBuilder<G>::build(const FactStore<G>& store) {
     }
     const std::size_t before = excluded_.size();
     excluded_.landmarks.merge(misfits(store, *result.map, params_));
-    if (excluded_.size() == before) break;
+    if (excluded_.size() != before) continue;
+    if (!std::exchange(bent, false)) break;
+    excluded_.hypotheses.clear();  // another look at all of them
+    excluded_.landmarks.clear();
   }
   result.class_of = ClassIndex(result.selection.classes);
   drift_alarms_ = drift_check_.alarms(store, result.selection);
@@ -173,12 +180,22 @@ GlobalMap<G> MapBuilder<G>::update(const FactStore<G>& store) {
   GlobalMap<G> result;
   result.facts = store.digest();
   result.exact = false;
-  do {
+  const Exclusions before = excluded_;
+  bool bent = false;  // as in build(), by what has come in now
+  while (true) {
     result.selection = selector_.select(store, excluded_);
     result.class_of = ClassIndex(result.selection.classes);
     result.map = incremental_->solve(problem_of(store, result.selection));
     problem_ = result.map->shared_problem();
-  } while (exclude_news(result, store));
+    const std::size_t measurements = excluded_.fixes.size() + excluded_.encounters.size();
+    const bool others = excluded_.hypotheses != before.hypotheses || excluded_.landmarks != before.landmarks;
+    const bool left_out = exclude_news(result, store);
+    bent = bent || (others && excluded_.fixes.size() + excluded_.encounters.size() != measurements);
+    if (left_out) continue;
+    if (!std::exchange(bent, false)) break;
+    excluded_.hypotheses = before.hypotheses;
+    excluded_.landmarks = before.landmarks;
+  }
   finish(result);
   return result;
 }
@@ -196,9 +213,10 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
   Map<G>& map = *global.map;
   const std::size_t before = excluded_.size();
   std::set<int> classes;  // with news in them
+  std::set<Hash> contradict;
   for (const Hypothesis<G>& h : selection.hypotheses) {
     if (h.state != HypothesisState::accepted || accepted_.count(h.id) != 0) continue;
-    if (excess_of_new(map, h, params_.map_residual) > 1.0) excluded_.hypotheses.insert(h.id);
+    if (excess_of_new(map, h, params_.map_residual) > 1.0) contradict.insert(h.id);
     for (const auto& [a, b] : *h.pairings)
       for (const Key& landmark : {a, b})
         if (const auto known = global.class_of.find(landmark)) classes.insert(*known);
@@ -206,7 +224,10 @@ bool MapBuilder<G>::exclude_news(const GlobalMap<G>& global, const FactStore<G>&
   Keys judged_encounters;  // by the same answer
   for (const SelectedEncounter& e : selection.encounters)
     if (measured_waypoints_.count(e.waypoint) != 0) judged_encounters.insert(e.encounter);
-  exclude_worst_measurement(map, params_.fix_residual, 1.0, measured_fixes_, judged_encounters, excluded_);
+  // What a gross measurement has bent is judged without it.
+  if (exclude_worst_measurement(map, params_.fix_residual, 1.0, measured_fixes_, judged_encounters, excluded_))
+    return true;
+  excluded_.hypotheses.merge(contradict);
   if (excluded_.size() != before) return true;
   std::set<Key> batches;
   for (const int c : classes)

@@ -1,3 +1,4 @@
+#include <convoy/geometry/conditioning.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/factors.hpp>
@@ -92,16 +93,16 @@ template <class G>
 Eigen::MatrixXd LinearFactors<G>::information(int k) const {
   const Factor& f = factors_[at(k)];
   switch (f.kind) {
-    case Kind::prior: return problem_.priors[f.index].covariance.inverse();
+    case Kind::prior: return inverse_covariance(problem_.priors[f.index].covariance);
     case Kind::constants: return problem_.constants[f.index].sigma.cwiseAbs2().cwiseInverse().asDiagonal();
-    case Kind::drift: return problem_.drifts[f.index].covariance.inverse();
+    case Kind::drift: return inverse_covariance(problem_.drifts[f.index].covariance);
     case Kind::bounded: return problem_.bounded[f.index].information.asDiagonal();
-    case Kind::fix: return problem_.fixes[f.index].covariance.inverse();
-    case Kind::encounter: return problem_.encounters[f.index].covariance.inverse();
+    case Kind::fix: return inverse_covariance(problem_.fixes[f.index].covariance);
+    case Kind::encounter: return inverse_covariance(problem_.encounters[f.index].covariance);
     case Kind::landmarks: break;
   }
   const auto n = static_cast<Eigen::Index>(landmarks_in(f));
-  if (n == 1) return landmark(f, 0).covariance.inverse();
+  if (n == 1) return inverse_covariance(landmark(f, 0).covariance);
   Eigen::MatrixXd loading(G::Dim * n, G::Shared);
   for (Eigen::Index i = 0; i < n; ++i)
     loading.template middleRows<G::Dim>(G::Dim * i) =

@@ -1,4 +1,5 @@
 #include <convoy/drift/drift_model.hpp>
+#include <convoy/geometry/conditioning.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/factors.hpp>
@@ -89,8 +90,9 @@ typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>
   }
   DriftFactor<G> onwards;
   if (p.second >= 0) onwards = drift_between(state, slam(p.second), s);
-  const typename G::Covariance W_a = to_here.covariance.inverse();
-  const typename G::Covariance W_b = p.second >= 0 ? onwards.covariance.inverse().eval() : G::Covariance::Zero().eval();
+  const typename G::Covariance W_a = inverse_covariance(to_here.covariance);
+  const typename G::Covariance W_b =
+      p.second >= 0 ? inverse_covariance(onwards.covariance) : G::Covariance::Zero().eval();
   LocalPose<G> local;
   for (int iteration = 0; iteration < 4; ++iteration) {
     local = {};
@@ -115,7 +117,7 @@ typename Map<G>::Placement Map<G>::place(const ChainSpan& s, const ChainState<G>
     }
     p.mean = p.mean * G::Exp(local.H.ldlt().solve(local.g));
   }
-  p.noise = symmetrised(typename G::Covariance(local.H.inverse()));
+  p.noise = inverse_covariance(local.H);
   p.A = -p.noise * local.H_first;
   p.B = -p.noise * local.H_second;
   p.C = -p.noise * local.H_constants;

@@ -1,4 +1,5 @@
 #include <convoy/drift/drift_model.hpp>
+#include <convoy/geometry/conditioning.hpp>
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/placement.hpp>
@@ -25,14 +26,14 @@ typename G::Covariance floored(typename G::Covariance P) {
   P = positive_part(P);
   P.diagonal().template head<G::Dim>().array() += 1e-8;
   P.diagonal().template tail<G::Dof - G::Dim>().array() += 1e-10;
-  return P;
+  return invertible(P);
 }
 
 // The same for points, (1 mm)^2. Below variances of 1000 m^2 what rounding left is less than that.
 template <class G>
 typename G::PointCovariance floored_point(const typename G::PointCovariance& P) {
   const typename G::PointCovariance floor = 1e-6 * G::PointCovariance::Identity();
-  return (P.cwiseAbs().maxCoeff() < 500.0 ? P : positive_part(P)) + floor;
+  return (P.cwiseAbs().maxCoeff() < 500.0 ? P : invertible(P)) + floor;
 }
 
 template <class G>
@@ -431,6 +432,7 @@ DriftFactor<G> drift_between(const ChainState<G>& a, const ChainState<G>& b, con
   const Increment<G> step = increment(a, b);
   DriftFactor<G> f{0, 0, step.motion, step.covariance, span.constants};
   if (span.persistent.bounded()) f.covariance = opened(f.covariance, step.motion, b.pose, span.persistent);
+  f.covariance = invertible(f.covariance);
   f.A.template leftCols<2>() = step.constants;
   return f;
 }
@@ -452,7 +454,10 @@ BoundedFactor bounded_between(const ChainState<G>* a, const ChainState<G>& b, co
       f.phi = std::exp(-ds);
       fresh = std::max(1e-9, -std::expm1(-2.0 * ds));  // 1 - phi^2
     }
-    const auto information = [&](double sigma) { return sigma > 0.0 ? 1.0 / (fresh * sigma * sigma) : 0.0; };
+    const auto information = [&](double sigma) {
+      constexpr double floor = 1e-5;  // exact is not singular
+      return sigma > 0.0 ? 1.0 / (fresh * std::max(floor, sigma) * std::max(floor, sigma)) : 0.0;
+    };
     f.information << information(p.tilt_rad), information(p.tilt_rad), information(p.height_m);
   }
   return f;

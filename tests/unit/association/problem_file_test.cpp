@@ -3,7 +3,7 @@
 #include <convoy/association/problem_file.hpp>
 #include <convoy/config_error.hpp>
 
-#include "data_folder.hpp"
+#include "../../support/data_folder.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
