@@ -4,6 +4,7 @@
 #include <convoy/association/alignment.hpp>
 #include <convoy/association/problem_file.hpp>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <filesystem>

@@ -31,6 +31,18 @@ std::filesystem::path square_graph(const ScratchFolder& scratch) {
   return file;
 }
 
+// Seven posts that two vehicles have seen from the same start.
+std::filesystem::path posts_problem(const ScratchFolder& scratch) {
+  const std::filesystem::path file = scratch / "posts.assoc";
+  std::ofstream out(file);
+  out << "convoy-assoc 1\nname posts\ndim 2\nbias_mean 0 0 0\nbias_cov_diag 1 1 0.01\nna 7\nnb 7\n";
+  const int x[] = {0, 11, 17, 21, 30, 34, 41}, y[] = {0, 7, -4, 9, 1, -8, 5};
+  for (const char* side : {"a", "b"})
+    for (int k = 0; k < 7; ++k) out << side << " " << k << " " << x[k] << " " << y[k] << " 0.01 0 0.01 0\n";
+  out << "end\n";
+  return file;
+}
+
 /// The README's command with the examples' names taken for what is there, run in `scratch`.
 void expect_runs(std::string line, const ScratchFolder& scratch) {
   const auto replace = [&line](const std::string& name, const auto& file) {
@@ -38,6 +50,7 @@ void expect_runs(std::string line, const ScratchFolder& scratch) {
   };
   replace("MRCLAM_FOLDER", [] { return *mrclam_folder(); });
   replace("GRAPH.g2o", [&] { return square_graph(scratch); });
+  replace("PROBLEM.assoc", [&] { return posts_problem(scratch); });
   const Outcome outcome = run_shell("cd " + scratch.path().string() + " && " + CONVOY_PROGRAM + line.substr(6));
   EXPECT_EQ(outcome.status, 0) << line << "\n" << outcome.output;
 }

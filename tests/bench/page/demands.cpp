@@ -128,7 +128,7 @@ Demand association_count(const char* what, Asked asked, int signatures, const ch
           "",
           associated(0, signatures, value),
           {{"gcbb", associated(1, signatures, value)},
-           reference("JCBB, 100 k nodes", 0, value),
+           reference("JCBB, 10 k nodes", 0, value),
            reference("closest neighbours", 1, value),
            reference("Delaunay triangles", 2, value)}};
 }
