@@ -23,8 +23,8 @@ struct Alignment {
   typename G::Covariance covariance() const { return joint.template topLeftCorner<G::Dof, G::Dof>(); }
 };
 
-/// The motion T_a_b that takes the paired landmarks of b to those of a with the least sum of squares, all weighted alike
-/// (Kabsch 1976). At least one pair; what the pairs leave open is arbitrary.
+/// The motion T_a_b that takes the paired landmarks of b to those of a with the least sum of squares, all weighted
+/// alike (Kabsch 1976). At least one pair; what the pairs leave open is arbitrary.
 template <class G>
 G closed_form_alignment(const Batch<G>& a, const Batch<G>& b, const std::vector<IndexPairing>& pairings);
 

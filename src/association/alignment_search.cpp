@@ -180,7 +180,8 @@ class AlignmentSearch {
   }
 
   void find_resolution(double confidence) {
-    turn_rad_ = std::clamp(square_m_ / std::max(radius_m_, 1e-3), 0.1 * M_PI / 180.0, 2.0 * M_PI / 180.0);
+    // What turns by half a step moves by a square at most.
+    turn_rad_ = std::clamp(2.0 * square_m_ / std::max(radius_m_, 1e-3), 0.1 * M_PI / 180.0, 2.0 * M_PI / 180.0);
     double widest_rad = M_PI;
     if (known_) {
       const Covariance& P = prior_.covariance;
@@ -202,11 +203,9 @@ class AlignmentSearch {
   // Landmarks of a that b may come to lie on, and those around them: however many a has.
   void index_vicinity() {
     const Eigen::Vector2d middle = (prior_.mean * centre_).template head<2>();
-    const auto swing_m = [&](int heading) {
-      return ((turned(heading) * centre_).template head<2>() - middle).norm();
-    };
-    const double far_m = std::max(swing_m(-sides_), swing_m(sides_)) + reach_m_ + 2.0 * radius_m_ +
-                         2.0 * params_.density_radius_m;
+    const auto swing_m = [&](int heading) { return ((turned(heading) * centre_).template head<2>() - middle).norm(); };
+    const double far_m =
+        std::max(swing_m(-sides_), swing_m(sides_)) + reach_m_ + 2.0 * radius_m_ + 2.0 * params_.density_radius_m;
     for (std::size_t i = 0; i < a_.size(); ++i) {
       const Eigen::Vector2d at = a_[i].position.template head<2>();
       if ((at - middle).squaredNorm() <= far_m * far_m) index_.add(at, static_cast<int>(i));

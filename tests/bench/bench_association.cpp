@@ -220,7 +220,7 @@ BENCHMARK(BM_references)->DenseRange(0, 2)->Iterations(1)->Unit(benchmark::kMill
 /// finish: it is stopped, and the ratio an upper bound.
 void BM_recorded_gcbb(benchmark::State& state) {
   if (skipped(state)) return;
-  constexpr std::uint64_t fig5_nodes = 100'000;  // seconds each
+  constexpr std::uint64_t fig5_nodes = 400'000;  // seconds each
   std::vector<const AssociationProblem<SE2>*> problems;
   for (const auto& recorded : convoy::bench::recorded_problems())
     if (const auto* p = std::get_if<AssociationProblem<SE2>>(&recorded.problem))

@@ -9,8 +9,8 @@
 
 #include <unistd.h>
 
-#include <filesystem>
 #include <chrono>
+#include <filesystem>
 #include <fstream>
 #include <map>
 #include <set>
