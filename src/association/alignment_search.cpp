@@ -197,7 +197,7 @@ class AlignmentSearch {
     }
     sides_ = static_cast<int>(std::ceil(widest_rad / turn_rad_));
     const double squares = M_PI * std::max(1.0, reach_m_ * reach_m_ / (square_m_ * square_m_));
-    result_.places = static_cast<std::uint64_t>((2 * sides_ + 1) * squares);
+    result_.places = static_cast<std::uint64_t>(std::min(1e18, (2 * sides_ + 1) * squares));
   }
 
   // Landmarks of a that b may come to lie on, and those around them: however many a has.
@@ -262,7 +262,9 @@ class AlignmentSearch {
   }
 
   Step steps_of(const Point& shift) const {
-    const auto steps = [](double x_m, double step_m) { return static_cast<int>(std::floor(x_m / step_m)); };
+    const auto steps = [](double x_m, double step_m) {
+      return static_cast<int>(std::clamp(std::floor(x_m / step_m), -1e9, 1e9));  // an int, however far
+    };
     return {steps(shift.x(), square_m_), steps(shift.y(), square_m_),
             G::Dim == 2 ? 0 : steps(shift[G::Dim - 1], storey_m_)};
   }
