@@ -20,11 +20,11 @@ namespace convoy {
 
 class TextFields {
  public:
-  /// `text` must outlive it; `name` stands for the file in errors, `kind` for what it should be ("g2o file"). Throws
+  /// `text` must outlive it; `name` stands for the file in errors, `kind` for what it should be ("a g2o file"). Throws
   /// ConfigError if it is no text.
   TextFields(std::string_view text, std::string name, const std::string& kind) : text_(text), name_(std::move(name)) {
     if (text.find('\0') != std::string_view::npos)
-      throw ConfigError(name_ + ": a binary file; give a " + kind + ", which is text");
+      throw ConfigError(name_ + ": a binary file; give " + kind + ", which is text");
   }
 
   const std::string& name() const { return name_; }
@@ -100,7 +100,7 @@ class TextFields {
 /// The whole of a file. Throws ConfigError.
 inline std::string read_text(const std::filesystem::path& path, const std::string& kind) {
   std::ifstream in(path, std::ios::binary);
-  if (!in || std::filesystem::is_directory(path)) throw ConfigError(path.string() + ": cannot be read; give a " + kind);
+  if (!in || std::filesystem::is_directory(path)) throw ConfigError(path.string() + ": cannot be read; give " + kind);
   return {std::istreambuf_iterator<char>(in), {}};
 }
 

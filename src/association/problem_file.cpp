@@ -11,7 +11,7 @@
 namespace convoy {
 namespace {
 
-constexpr const char* kind = "association problem";
+constexpr const char* kind = "an association problem";
 
 // What a file holds, before a group is chosen.
 struct RawLandmark {

@@ -12,7 +12,7 @@ namespace {
 
 class Parser {
  public:
-  Parser(std::string_view text, const std::string& name) : fields_(text, name, "g2o file") {}
+  Parser(std::string_view text, const std::string& name) : fields_(text, name, "a g2o file") {}
 
   G2oFile parse() {
     while (fields_.next_line()) {
@@ -189,7 +189,7 @@ std::string text_of(const G2oFile& file, const std::vector<G>& poses, const std:
 
 G2oFile parse_g2o(std::string_view text, const std::string& name) { return Parser(text, name).parse(); }
 
-G2oFile read_g2o(const std::filesystem::path& path) { return parse_g2o(read_text(path, "g2o file"), path.string()); }
+G2oFile read_g2o(const std::filesystem::path& path) { return parse_g2o(read_text(path, "a g2o file"), path.string()); }
 
 PoseGraph<SE2> pose_graph_se2(const G2oFile& file) { return graph_of<SE2>(file); }
 PoseGraph<SE3> pose_graph_se3(const G2oFile& file) { return graph_of<SE3>(file); }
