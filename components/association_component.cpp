@@ -16,9 +16,9 @@ int AssociationComponent<G>::step(int max_searches) {
   queue_new_batches();
   int done = 0;
   for (; done < max_searches && !queue_.empty(); ++done) {
-    const auto [a, b] = queue_.back();
+    const Search next = queue_.back();
     queue_.pop_back();
-    search(a, b);
+    run(next);
   }
   return done;
 }
@@ -28,26 +28,52 @@ void AssociationComponent<G>::queue_new_batches() {
   const FactStore<G>& store = manager_.store();
   if (store.revision() == revision_) return;
   revision_ = store.revision();
-  const VehicleId self = manager_.self().vehicle;
   for (const auto& [id, chain] : store.chains())
-    for (const auto& [anchor, landmarks] : chain.batches) {
-      const Key batch{id, anchor};
+    for (const auto& [index, anchor] : chain.anchors) {
+      const Key batch{id, index};
       if (known_.count(batch) || !complete(store, batch)) continue;
-      // Every vehicle answers for its own batches, of earlier epochs too.
-      for (const Key& other : known_)
-        if (id.vehicle == self || other.chain.vehicle == self) queue_.push_back(std::minmax(batch, other));
       known_.insert(batch);
+      if (static_cast<int>(anchor.landmark_count) >= params_.min_pairings) queue_against_others(batch);
+      if (const auto ready = waiting_.extract(batch))
+        for (const Search& search : ready.mapped()) {
+          --counters_.waiting;
+          queue(search);
+        }
     }
 }
 
+// Every vehicle answers for its own batches, of earlier epochs too.
 template <class G>
-void AssociationComponent<G>::search(const Key& a, const Key& b) {
-  const FactStore<G>& store = manager_.store();
+void AssociationComponent<G>::queue_against_others(const Key& batch) {
+  const VehicleId self = manager_.self().vehicle;
+  for (const Key& other : searched_)
+    if (batch.chain.vehicle == self || other.chain.vehicle == self)
+      queue_.push_back({std::min(batch, other), std::max(batch, other)});
+  searched_.push_back(batch);
+}
+
+// Or lets it wait for the first batch that it lacks.
+template <class G>
+void AssociationComponent<G>::queue(const Search& search) {
+  for (const Key& anchor : {search.a, search.b})
+    for (const Key& batch : batches_within(anchor, search.reach))
+      if (known_.count(batch) == 0) {
+        waiting_[batch].push_back(search);
+        ++counters_.waiting;
+        return;
+      }
+  queue_.push_back(search);
+}
+
+template <class G>
+void AssociationComponent<G>::run(const Search& search) {
+  const auto& [a, b, reach] = search;
   ++counters_.searches;
-  const auto result = associate(batch_of(store, a), batch_of(store, b), relative_prior(store, a, b), params_);
+  const auto result = associate(manager_.store(), a, b, reach, params_);
   counters_.search_nodes += result.nodes;
   if (result.decision == Decision::accepted) ++counters_.accepted;
   else ++counters_.rejected[static_cast<std::size_t>(result.rejection)];
+  if (const auto next = next_reach(result, a, b, reach)) return queue({a, b, *next});
   for (const std::vector<Pairing>& pairings : result.statements())
     if (!manager_.publish_association(pairings)) ++counters_.already_stated;
 }

@@ -2,10 +2,11 @@
 // (loop closures and meetings go through the same door), and states what it finds as facts (paper, Section IV).
 #pragma once
 
-#include <convoy/association/associate.hpp>
+#include <convoy/association/reach.hpp>
 #include <convoy/components/submap_manager.hpp>
 
 #include <array>
+#include <map>
 #include <set>
 #include <vector>
 
@@ -17,29 +18,39 @@ struct AssociationCounters {
   std::uint64_t already_stated = 0;                       ///< to be stated, and held already from another vehicle
   std::array<std::uint64_t, rejection_count> rejected{};  ///< by Rejection: why is there no association?
   std::uint64_t search_nodes = 0;
+  std::uint64_t waiting = 0;  ///< pairs of batches that say too little as yet: they wait for their neighbours
 };
 
-/// What it states depends on the facts of the two batches alone, not on when it looks: the same facts give the same
-/// hypotheses on every vehicle and in every order of arrival.
+/// A pair of batches is searched when both have arrived in full; if that says too little, or two places fit, it is
+/// searched again joined with its neighbours on the chains (association/reach.hpp) as these arrive, and what was
+/// ambiguous is stated when nothing more is to come. What is stated depends on the facts alone, not on when it looks:
+/// the same facts give the same hypotheses on every vehicle and in every order of arrival.
 template <class G>
 class AssociationComponent {
  public:
   AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params);
 
-  /// Searches at most `max_searches` pairs of batches that are complete and were not compared yet. Returns how many
-  /// it did; 0: nothing left to do.
+  /// Does at most `max_searches` of what is due, what came last first. Returns how many it did; 0: nothing left to do.
   int step(int max_searches = 8);
 
   const AssociationCounters& counters() const { return counters_; }
 
  private:
+  struct Search {
+    Key a, b;  // a < b
+    Reach reach = Reach::alone;
+  };
   void queue_new_batches();
-  void search(const Key& a, const Key& b);
+  void queue_against_others(const Key& batch);
+  void queue(const Search& search);
+  void run(const Search& search);
 
   SubmapManager<G>& manager_;
   AssociationParams params_;
-  std::set<Key> known_;                     // complete batches seen so far
-  std::vector<std::pair<Key, Key>> queue_;  // pairs to search, newest last
+  std::set<Key> known_;                         // complete batches seen so far
+  std::vector<Key> searched_;                   // those of them that are large enough to decide anything
+  std::vector<Search> queue_;                   // newest last
+  std::map<Key, std::vector<Search>> waiting_;  // by a batch that is not complete yet
   std::uint64_t revision_ = 0;
   AssociationCounters counters_;
 };

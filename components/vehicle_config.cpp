@@ -115,7 +115,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("association", "max_proposals", a.alignment.max_proposals);
   visit("association", "max_votes", a.alignment.max_votes);
   visit("association", "max_chance_places", a.max_chance_places);
-  visit("association", "max_runner_up_likelihood", a.max_runner_up_likelihood);
+  visit("association", "max_doubt", a.max_doubt);
 
   SubmapManagerParams& s = v.submaps;
   visit("map", "backend", s.backend);

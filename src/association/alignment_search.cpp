@@ -434,7 +434,7 @@ class AlignmentSearch {
     const Likelihood found = likelihood(pairs);
     CandidateAlignment<G> candidate{T, P, {}, found.log_ratio};
     for (const Agreement& p : pairs)
-      if (found.share * p.ratio > params_.min_odds * (1.0 - found.share)) candidate.pairings.emplace_back(p.i, p.j);
+      if (is_likely(p, found.share)) candidate.pairings.emplace_back(p.i, p.j);
     return candidate;
   }
 
@@ -451,9 +451,31 @@ class AlignmentSearch {
       const bool known = std::any_of(result_.candidates.begin(), result_.candidates.end(),
                                      [&](const auto& better) { return agree(candidate, better); });
       if (!known) result_.candidates.push_back(std::move(candidate));
-      if (result_.candidates.size() == most) return;
+      if (result_.candidates.size() == most) break;
     }
+    if (!result_.candidates.empty()) result_.chance_pairings = chance_pairings(result_.candidates.front());
   }
+
+  // How many pairings come about at places beside this one, on average.
+  double chance_pairings(const CandidateAlignment<G>& here) {
+    middle_m_ = 0.0;
+    for (const auto& [i, j] : here.pairings) middle_m_ += abscissa(j) / static_cast<double>(here.pairings.size());
+    const double share = likelihood(agreements(here.T_a_b, here.covariance)).share;
+    constexpr int places = 24;
+    constexpr double farthest_m = 2.5, golden_angle_rad = 2.39996322972865332;
+    std::int64_t found = 0;
+    for (int k = 0; k < places; ++k) {
+      const double radius_m = 2.0 * square_m_ + farthest_m * k / places, angle_rad = k * golden_angle_rad;
+      Point shift = Point::Zero();
+      shift.template head<2>() << radius_m * std::cos(angle_rad), radius_m * std::sin(angle_rad);
+      const G beside = G::from_rotation(here.T_a_b.rotation(), here.T_a_b.translation() + shift);
+      const auto pairs = agreements(beside, here.covariance);
+      found += std::count_if(pairs.begin(), pairs.end(), [&](const Agreement& p) { return is_likely(p, share); });
+    }
+    return static_cast<double>(found) / places;
+  }
+
+  bool is_likely(const Agreement& p, double share) const { return share * p.ratio > params_.min_odds * (1.0 - share); }
 
   // At least half of the pairings of one are those of the other.
   static bool agree(const CandidateAlignment<G>& x, const CandidateAlignment<G>& y) {

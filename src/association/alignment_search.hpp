@@ -16,7 +16,7 @@ struct AlignmentSearchParams {
   double gate = 0.99;             ///< chi-square confidence within which two landmarks agree with an alignment, (0, 1)
   double min_odds = 4.0;          ///< a pair is kept if it is so many times likelier true than chance, > 0
   double density_radius_m = 3.5;  ///< radius within which landmarks are counted for their density, > 0
-  std::size_t max_proposals = 300;       ///< places looked at closely, >= 2
+  std::size_t max_proposals = 100;       ///< places looked at closely, >= 2
   std::uint64_t max_votes = 20'000'000;  ///< pairs of landmarks tried over all headings; beyond, the search is cut off
 };
 
@@ -37,10 +37,11 @@ struct CandidateAlignment {
 template <class G>
 struct AlignmentSearchResult {
   std::vector<CandidateAlignment<G>>
-      candidates;            ///< best first, no two of which agree on half of their pairs; at most 5
-  std::uint64_t votes = 0;   ///< pairs of landmarks tried over all headings
-  std::uint64_t places = 0;  ///< how many alignments there are that could be told apart
-  bool cut_off = false;      ///< the budget would not have sufficed: nothing was searched
+      candidates;                ///< best first, no two of which agree on half of their pairs; at most 5
+  double chance_pairings = 0.0;  ///< how many pairings places beside the best one come to, on average
+  std::uint64_t votes = 0;       ///< pairs of landmarks tried over all headings
+  std::uint64_t places = 0;      ///< how many alignments there are that could be told apart
+  bool cut_off = false;          ///< the budget would not have sufficed: nothing was searched
 };
 
 /// Votes of pairs of landmarks for places, heading by heading within the prior; then the best places are refined by

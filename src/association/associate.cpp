@@ -104,6 +104,7 @@ class Associator {
   // The likeliest place. a and b are what lies near it.
   AssociationResult<G> by_alignment(const AlignmentSearchResult<G>& found, const std::vector<IndexPairing>& best) {
     result_.nodes = found.votes;
+    result_.chance_pairings = found.chance_pairings;
     result_.log_likelihood_ratio = found.candidates.front().log_likelihood_ratio;
     // Markov's inequality: under chance, a ratio of x or more has a probability of at most 1 / x.
     result_.expected_false_alarms = static_cast<double>(found.places) * std::exp(-result_.log_likelihood_ratio);
@@ -111,12 +112,14 @@ class Associator {
     result_.candidates = best.size();
     if (!settles(best)) return result_;
     if (result_.expected_false_alarms > params_.max_chance_places) return reject(Rejection::chance);
-    if (found.candidates.size() < 2) return accepted();
-    const CandidateAlignment<G>& second = found.candidates[1];
-    result_.runner_up = static_cast<int>(second.pairings.size());
-    result_.runner_up_log_likelihood_ratio = second.log_likelihood_ratio;
-    const bool rival = second.log_likelihood_ratio > params_.max_runner_up_likelihood * result_.log_likelihood_ratio;
-    return rival ? ambiguous() : accepted();
+    if (found.candidates.size() > 1) {
+      result_.runner_up = static_cast<int>(found.candidates[1].pairings.size());
+      result_.runner_up_log_likelihood_ratio = found.candidates[1].log_likelihood_ratio;
+    }
+    const double runner_up = result_.runner_up_log_likelihood_ratio / result_.log_likelihood_ratio;
+    const double chance = found.chance_pairings / result_.support;
+    if (runner_up + chance <= params_.max_doubt) return accepted();
+    return runner_up > chance ? ambiguous() : reject(Rejection::chance);
   }
 
  private:
@@ -364,7 +367,9 @@ AssociationResult<G> by_alignment(const Batch<G>& a, const Batch<G>& b, const st
   if (found.candidates.empty()) {
     AssociationResult<G> none;
     none.nodes = found.votes;
-    none.rejection = found.cut_off ? Rejection::search_cut_off : Rejection::too_few_pairings;
+    none.rejection = found.cut_off                                                   ? Rejection::search_cut_off
+                     : found.votes < static_cast<std::uint64_t>(params.min_pairings) ? Rejection::too_few_candidates
+                                                                                     : Rejection::too_few_pairings;
     return none;
   }
   const Vicinity<G> vicinity(a, b, found.candidates.front());
@@ -390,8 +395,7 @@ void validate(const AssociationParams& p) {
     throw ConfigError("association: min_runner_up_false_alarms must be >= max_false_alarms");
   if (p.max_nodes == 0) throw ConfigError("association: max_nodes must be > 0");
   if (!(p.max_chance_places > 0.0)) throw ConfigError("association: max_chance_places must be > 0");
-  if (!(p.max_runner_up_likelihood > 0.0 && p.max_runner_up_likelihood <= 1.0))
-    throw ConfigError("association: max_runner_up_likelihood must lie in (0, 1]");
+  if (!(p.max_doubt > 0.0 && p.max_doubt <= 1.0)) throw ConfigError("association: max_doubt must lie in (0, 1]");
   validate(p.alignment);
 }
 

@@ -22,7 +22,7 @@ const char* to_string(SearchMethod method);
 
 struct AssociationParams {
   ConstraintParams constraints;
-  SearchMethod method = SearchMethod::gcbb;
+  SearchMethod method = SearchMethod::alignment;
   AlignmentSearchParams alignment;
   std::uint64_t max_nodes = 200'000;  ///< search tree nodes of gcbb and fig5; beyond, the answer is "none"
   int min_pairings = 5;               ///< fewer never decide anything
@@ -35,8 +35,10 @@ struct AssociationParams {
   double min_runner_up_false_alarms =
       1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
   // The same for alignments, by their likelihood ratios:
-  double max_chance_places = 0.1;          ///< at most so many places as likely are to be expected by chance
-  double max_runner_up_likelihood = 0.65;  ///< share of the first one's log ratio beyond which a second is a rival
+  double max_chance_places = 0.1;  ///< at most so many places as likely are to be expected by chance
+  /// The share of its log ratio that the best place elsewhere has, and the share of its pairings that places beside it
+  /// have on average, may come to so much together.
+  double max_doubt = 0.72;
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -69,7 +71,8 @@ struct AssociationResult {
   int support = 0;                          ///< number of pairings
   int runner_up = 0;                        ///< support of the best alignment elsewhere
   double expected_false_alarms = 0;
-  double log_likelihood_ratio = 0.0;            ///< of the best alignment, if that is how it was found
+  double chance_pairings = 0.0;       ///< that places beside this one have on average, if that is how it was found
+  double log_likelihood_ratio = 0.0;  ///< of the best alignment, if that is how it was found
   double runner_up_log_likelihood_ratio = 0.0;  ///< of the best elsewhere
   std::size_t candidates = 0;                   ///< pairs that passed the unary constraint
   std::uint64_t compatible = 0;                 ///< pairs of pairs that passed the binary constraint

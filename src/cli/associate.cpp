@@ -70,6 +70,7 @@ std::string result_text(const AssociationProblem<G>& problem, const AssociationR
   add("log_likelihood_ratio %.6g\nrunner_up_log_likelihood_ratio %.6g\n", result.log_likelihood_ratio,
       result.runner_up_log_likelihood_ratio);
   add("expected_false_alarms %.3g\n", result.expected_false_alarms);
+  add("chance_pairings %.3g\n", result.chance_pairings);
   add("nodes %llu\n", static_cast<unsigned long long>(result.nodes));
   return text;
 }

@@ -217,9 +217,7 @@ class FactMaker {
       for (std::size_t j = i + 1; j < batches.size(); ++j) {
         const auto prior = relative_prior(store, batches[i], batches[j]);
         if (prior && far_apart(*prior)) continue;
-        const auto found =
-            associate(batch_of(store, batches[i]), batch_of(store, batches[j]), prior, AssociationParams{});
-        for (const std::vector<Pairing>& pairings : found.statements()) {
+        for (const std::vector<Pairing>& pairings : stated_of(batches[i], batches[j])) {
           if (!arrives()) continue;
           insert(AssociationFact{{chain(0), stated++}, pairings});
           const auto right = std::count_if(pairings.begin(), pairings.end(), [&](const Pairing& p) {
@@ -229,6 +227,21 @@ class FactMaker {
           (is_true ? true_sets : false_sets).push_back(hypothesis_id(pairings));
         }
       }
+  }
+
+  // As AssociationComponent does it.
+  std::vector<std::vector<Pairing>> stated_of(const Key& a, const Key& b) const {
+    const auto arrived = [&](const Key& anchor, Reach reach) {
+      const auto all = batches_within(anchor, reach);
+      return std::all_of(all.begin(), all.end(), [&](const Key& batch) { return complete(store, batch); });
+    };
+    for (Reach reach = Reach::alone;;) {
+      const auto found = associate(store, a, b, reach, AssociationParams{});
+      const auto next = next_reach(found, a, b, reach);
+      if (!next) return found.statements();
+      if (!arrived(a, *next) || !arrived(b, *next)) return {};
+      reach = *next;
+    }
   }
 
   // Spares a search whose unary constraint leaves nothing: beyond eight standard deviations of a batch's reach.

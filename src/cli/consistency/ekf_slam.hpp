@@ -2,7 +2,7 @@
 // plane and in space, where the vehicle stands on a surface that nothing measures: its odometer is that of the plane.
 #pragma once
 
-#include <convoy/association/associate.hpp>
+#include <convoy/association/reach.hpp>
 #include <convoy/drift/drift_model.hpp>
 #include <convoy/frontend/range_bearing_ekf.hpp>
 #include <convoy/map/global_map.hpp>

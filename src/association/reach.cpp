@@ -1,0 +1,91 @@
+#include <convoy/association/reach.hpp>
+#include <convoy/geometry/covariance.hpp>
+#include <convoy/geometry/groups.hpp>
+
+#include <algorithm>
+
+namespace convoy {
+namespace {
+
+template <class G>
+LandmarkFact<G> seen_from(const RelativePrior<G>& T, LandmarkFact<G> landmark) {
+  const typename G::PointCovariance R = T.mean.rotation();
+  const typename G::PointJacobian H = T.mean.act_jacobian(landmark.position);
+  landmark.covariance = symmetrised(
+      typename G::PointCovariance(R * landmark.covariance * R.transpose() + H * T.covariance * H.transpose()));
+  landmark.position = T.mean * landmark.position;
+  landmark.loading.setZero();
+  return landmark;
+}
+
+// Those between the two batches alone; none if they are too few.
+template <class G>
+std::vector<Pairing> between(const FactStore<G>& store, const Key& a, const Key& b, std::vector<Pairing> pairings,
+                             int at_least) {
+  std::erase_if(pairings, [&](const Pairing& p) {
+    const Key batch_a = store.landmark(p.first)->anchor_key(), batch_b = store.landmark(p.second)->anchor_key();
+    return std::minmax(batch_a, batch_b) != std::pair<const Key&, const Key&>(a, b);
+  });
+  if (static_cast<int>(pairings.size()) < at_least) pairings.clear();
+  return pairings;
+}
+
+}  // namespace
+
+std::vector<Key> batches_within(const Key& anchor, Reach reach) {
+  std::vector<Key> keys;
+  if (reach != Reach::alone && anchor.index > 0) keys.push_back({anchor.chain, anchor.index - 1});
+  keys.push_back(anchor);
+  if (reach == Reach::with_both) keys.push_back({anchor.chain, anchor.index + 1});
+  return keys;
+}
+
+template <class G>
+Batch<G> joined_batch(const FactStore<G>& store, const Key& anchor, Reach reach) {
+  Batch<G> joined{anchor, {}};
+  for (const Key& key : batches_within(anchor, reach))
+    for (const LandmarkFact<G>& landmark : batch_of(store, key).landmarks)
+      joined.landmarks.push_back(key == anchor ? landmark
+                                               : seen_from(relative_prior(store, anchor, key).value(), landmark));
+  return joined;
+}
+
+bool apart(const Key& a, const Key& b, Reach reach) {
+  if (a.chain != b.chain) return true;
+  return batches_within(a, reach).back() < batches_within(b, reach).front();
+}
+
+template <class G>
+AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
+                               const AssociationParams& params) {
+  AssociationResult<G> result =
+      associate(joined_batch(store, a, reach), joined_batch(store, b, reach), relative_prior(store, a, b), params);
+  if (reach == Reach::alone) return result;
+  result.pairings = between(store, a, b, std::move(result.pairings), params.min_pairings);
+  result.runner_up_pairings = between(store, a, b, std::move(result.runner_up_pairings), params.min_pairings);
+  const bool too_few =
+      result.pairings.empty() || (result.decision == Decision::ambiguous && result.runner_up_pairings.empty());
+  if (result.decision != Decision::none && too_few) {
+    result.decision = Decision::none;
+    result.rejection = Rejection::too_few_pairings;
+  }
+  return result;
+}
+
+template <class G>
+std::optional<Reach> next_reach(const AssociationResult<G>& result, const Key& a, const Key& b, Reach reach) {
+  const bool weak = result.rejection == Rejection::chance || result.rejection == Rejection::runner_up ||
+                    result.rejection == Rejection::geometry;
+  if (!weak || reach == Reach::with_both) return std::nullopt;
+  const Reach next = reach == Reach::alone ? Reach::with_previous : Reach::with_both;
+  return apart(a, b, next) ? std::optional(next) : std::nullopt;
+}
+
+#define CONVOY_INSTANTIATE(G)                                                                 \
+  template Batch<G> joined_batch(const FactStore<G>&, const Key&, Reach);                     \
+  template AssociationResult<G> associate(const FactStore<G>&, const Key&, const Key&, Reach, \
+                                          const AssociationParams&);                          \
+  template std::optional<Reach> next_reach(const AssociationResult<G>&, const Key&, const Key&, Reach);
+CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
+
+}  // namespace convoy
