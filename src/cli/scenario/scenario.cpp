@@ -28,6 +28,10 @@ StaticPrior<G> prior_from_json(const nlohmann::json& json) {
   return {pose_from_list<G>(json.at("mean")), vector_from<typename G::Tangent>(json.at("sigma"))};
 }
 
+nlohmann::json tolerance_to_json(const PoseTolerance& tolerance) {
+  return {{"position_m", tolerance.position_m}, {"heading_rad", tolerance.heading_rad}};
+}
+
 template <class G>
 VehicleLog<G> read_vehicle(const fs::path& run_folder, const nlohmann::json& json) {
   VehicleLog<G> vehicle;
@@ -191,6 +195,12 @@ int dimension_in(const fs::path& file, const nlohmann::json& json) {
   return dimension;
 }
 
+std::optional<PoseTolerance> pose_tolerance_in(const nlohmann::json& json) {
+  if (!json.contains("pose_tolerance")) return std::nullopt;
+  const nlohmann::json& tolerance = json.at("pose_tolerance");
+  return PoseTolerance{tolerance.at("position_m"), tolerance.at("heading_rad")};
+}
+
 template <class G>
 void Scenario<G>::write(const fs::path& run_folder) const {
   nlohmann::json json = {{"name", name},
@@ -200,6 +210,7 @@ void Scenario<G>::write(const fs::path& run_folder) const {
                          {"duration_s", duration_s},
                          {"common_frame_vehicle", common_frame_vehicle},
                          {"vehicles", nlohmann::json::array()}};
+  if (pose_tolerance) json["pose_tolerance"] = tolerance_to_json(*pose_tolerance);
   for (const VehicleLog<G>& vehicle : vehicles) {
     nlohmann::json entry = {{"id", vehicle.id},
                             {"has_truth", !vehicle.truth.empty()},
@@ -228,6 +239,7 @@ Scenario<G> Scenario<G>::read(const fs::path& run_folder) {
     scenario.seed = json.at("seed");
     scenario.duration_s = json.at("duration_s");
     scenario.common_frame_vehicle = json.at("common_frame_vehicle");
+    scenario.pose_tolerance = pose_tolerance_in(json);
     for (const auto& entry : json.at("vehicles")) scenario.vehicles.push_back(read_vehicle<G>(run_folder, entry));
     scenario.landmarks = read_landmarks<G>(run_folder / "truth" / "landmarks.csv");
     return scenario;
