@@ -65,6 +65,7 @@ struct MapAnchor {
 template <class G>
 struct MapLandmark {
   Key key;
+  std::uint32_t anchor = 0;                     ///< index of the anchor of its batch, of its own chain
   std::optional<typename G::Point> p_common_m;  ///< empty while its chain is not aligned
   std::int64_t landmark_class = -1;             ///< -1: associated with nothing
 };
@@ -113,7 +114,8 @@ struct RunRecord {
   VehicleId common_frame_vehicle = 0;
   std::vector<VehicleRecord<G>> vehicles;  ///< by id
   std::vector<TruthLandmark<G>> landmarks;
-  std::map<VehicleId, double> first_event_s;  ///< time of each vehicle's first sensor event
+  std::optional<PoseTolerance> pose_tolerance;  ///< see Scenario
+  std::map<VehicleId, double> first_event_s;    ///< time of each vehicle's first sensor event
 
   const VehicleRecord<G>* find(VehicleId id) const;
   /// The first vehicle that lived to the end and left a map; nullptr if none did.

@@ -44,7 +44,7 @@ struct GpsReferenceParams {
   double max_residual_m = 1.5;  ///< a fix further from the fit is a jump [m]
   double min_share = 0.7;       ///< of the fixes of a span that must be none, 0.6..1
   double min_spread_m = 30.0;   ///< way between the first and the last of them: what a heading takes [m]
-  double max_gap_m = 10.0;      ///< way to the nearest of them [m]
+  double max_gap_m = 20.0;      ///< way to the nearest of them [m]
 };
 
 struct GpsReference {
