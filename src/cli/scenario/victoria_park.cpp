@@ -25,7 +25,7 @@ constexpr double steering_gain = 1.04;
 constexpr double steering_zero_rad = 0.004;
 
 // What of two reference poses may contradict each other before two maps do.
-constexpr PoseTolerance reference_tolerance{8.0, 0.25};
+constexpr PoseTolerance reference_tolerance{6.0, 0.25};
 
 const SE2::Tangent prior_sigma(11.0, 11.0, 0.15);
 
