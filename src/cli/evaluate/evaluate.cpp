@@ -661,6 +661,7 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
              {"seed", info_or_null(run, "seed")},
              {"dimension", G::Dim},
              {"gauge", chosen.name},
+             {"pose_tolerance", run.pose_tolerance ? tolerance_to_json(*run.pose_tolerance) : json()},
              {"gauge_shift_m", gauge_step ? json(gauge_step->translation().norm()) : json()},
              {"gauge_turn_rad", gauge_step ? json(gauge_step->Log().template tail<G::Dof - G::Dim>().norm()) : json()},
              {"vehicles", std::move(vehicles)},

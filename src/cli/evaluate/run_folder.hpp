@@ -65,9 +65,9 @@ struct MapAnchor {
 template <class G>
 struct MapLandmark {
   Key key;
-  std::uint32_t anchor = 0;                     ///< index of the anchor of its batch, of its own chain
   std::optional<typename G::Point> p_common_m;  ///< empty while its chain is not aligned
   std::int64_t landmark_class = -1;             ///< -1: associated with nothing
+  std::uint32_t anchor = 0;                     ///< index of the anchor of its batch, of its own chain
 };
 
 struct MapAssociation {

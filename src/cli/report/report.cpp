@@ -133,13 +133,23 @@ std::string vehicle_table(const RunRecord<G>& run, const json& m) {
                rows);
 }
 
+/// Why a coarse truth says nothing of covariances.
+std::string coarse_truth_note(const json& m) {
+  const json& tolerance = m.at("pose_tolerance");
+  if (tolerance.is_null()) return "";
+  return " The truth of poses is itself a measurement: two of its poses may contradict each other by " +
+         show(tolerance.at("position_m"), 1, "m") + " and " + show(tolerance.at("heading_rad"), 2, "rad") +
+         ". Hypotheses are false if they contradict it by more; covariances are not judged, and its errors are part of "
+         "every position and distance error.";
+}
+
 /// What a gauge is, and why one of them may be hard on the common-frame vehicle.
 template <class G>
 std::string vehicle_note(const RunRecord<G>& run, const json& m) {
   return "<p class=\"note\">Gauge start lays the truth onto the true start of " +
          xml_escaped(the_vehicle(run, run.common_frame_vehicle)) +
          ", gauge fit onto all corrected trajectories by one rigid motion; this run is judged in gauge " +
-         show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + "</p>\n";
+         show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + coarse_truth_note(m) + "</p>\n";
 }
 
 /// "0.071 (154)": a distance of a pair, and how many samples it rests on.

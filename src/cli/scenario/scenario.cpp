@@ -28,10 +28,6 @@ StaticPrior<G> prior_from_json(const nlohmann::json& json) {
   return {pose_from_list<G>(json.at("mean")), vector_from<typename G::Tangent>(json.at("sigma"))};
 }
 
-nlohmann::json tolerance_to_json(const PoseTolerance& tolerance) {
-  return {{"position_m", tolerance.position_m}, {"heading_rad", tolerance.heading_rad}};
-}
-
 template <class G>
 VehicleLog<G> read_vehicle(const fs::path& run_folder, const nlohmann::json& json) {
   VehicleLog<G> vehicle;
@@ -193,6 +189,10 @@ int dimension_in(const fs::path& file, const nlohmann::json& json) {
     throw ConfigError(file.string() + ": 'dimension' is " + dimension.dump() +
                       "; a fleet is of dimension 2 or 3, correct it");
   return dimension;
+}
+
+nlohmann::json tolerance_to_json(const PoseTolerance& tolerance) {
+  return {{"position_m", tolerance.position_m}, {"heading_rad", tolerance.heading_rad}};
 }
 
 std::optional<PoseTolerance> pose_tolerance_in(const nlohmann::json& json) {

@@ -178,6 +178,7 @@ int dimension_in(const std::filesystem::path& file, const nlohmann::json& json);
 
 /// The entry 'pose_tolerance' of scenario.json, if it is there. Throws nlohmann::json::exception if it is malformed.
 std::optional<PoseTolerance> pose_tolerance_in(const nlohmann::json& json);
+nlohmann::json tolerance_to_json(const PoseTolerance& tolerance);
 
 /// RUN/vehicle_<id>, the folder of one vehicle.
 std::filesystem::path vehicle_folder(const std::filesystem::path& run_folder, VehicleId id);

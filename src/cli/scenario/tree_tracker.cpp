@@ -11,7 +11,7 @@ constexpr double following = 0.2;  // share of a new sighting in the place of an
 struct Sighting {
   std::size_t scan = 0, point = 0;
   double t_s = 0.0;
-  Eigen::Vector2d place_m = Eigen::Vector2d::Zero();  // local frame
+  Eigen::Vector2d place_m = Eigen::Vector2d::Zero();  // local frame; in a track: that of the track from then on
 };
 
 struct Track {
@@ -22,6 +22,7 @@ struct Track {
   void see(const Sighting& sighting, double at_driven_m) {
     sightings.push_back(sighting);
     place_m += std::max(following, 1.0 / static_cast<double>(sightings.size())) * (sighting.place_m - place_m);
+    sightings.back().place_m = place_m;
     driven_m = at_driven_m;
   }
   std::size_t scans() const { return sightings.back().scan - sightings.front().scan + 1; }
