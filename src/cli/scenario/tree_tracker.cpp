@@ -1,6 +1,7 @@
 #include "scenario/tree_tracker.hpp"
 
 #include <algorithm>
+#include <iterator>
 #include <limits>
 
 namespace convoy::cli {
@@ -54,28 +55,20 @@ class Tracker {
     std::vector<Sighting> seen;
     for (std::size_t i = 0; i < scan.points_m.size(); ++i)
       seen.push_back({index, i, scan.t_s, scan.T_local_body * scan.points_m[i]});
-    std::vector<Nearest> track_by(seen.size()), other_by(seen.size()), sighting_by(live_.size());
+    const Neighbours near = neighbours(seen);
     for (std::size_t i = 0; i < seen.size(); ++i) {
-      for (std::size_t k = 0; k < live_.size(); ++k) {
-        const double distance_m = (live_[k].place_m - seen[i].place_m).norm();
-        track_by[i].offer(k, distance_m);
-        sighting_by[k].offer(i, distance_m);
-      }
-      for (std::size_t j = 0; j < seen.size(); ++j)
-        if (j != i) other_by[i].offer(j, (seen[j].place_m - seen[i].place_m).norm());
-    }
-    for (std::size_t i = 0; i < seen.size(); ++i) {
-      const Nearest& track = track_by[i];
-      if (track.first_m <= params_.gate_m && track.second_m >= params_.clear_m &&
-          sighting_by[track.index].second_m >= params_.clear_m)
+      const Nearest& track = near.track[i];
+      const bool alone = track.second_m >= params_.clear_m;
+      if (track.first_m <= params_.gate_m && alone && near.sighting[track.index].second_m >= params_.clear_m)
         live_[track.index].see(seen[i], scan.driven_m);
-      else if (track.first_m >= params_.clear_m && other_by[i].first_m >= params_.clear_m) begin(seen[i], scan);
+      else if (track.first_m >= params_.clear_m && near.other[i].first_m >= params_.clear_m) begin(seen[i], scan);
       else ++unsure_;
     }
   }
 
   TreeTracks finish(const std::vector<TreeScan>& scans) {
-    std::move(live_.begin(), live_.end(), std::back_inserter(ended_));
+    for (std::vector<Track>* tracks : {&live_, &started_})
+      std::move(tracks->begin(), tracks->end(), std::back_inserter(ended_));
     std::stable_sort(ended_.begin(), ended_.end(), [](const Track& a, const Track& b) {
       return a.sightings.front().scan < b.sightings.front().scan;
     });
@@ -96,6 +89,26 @@ class Tracker {
   }
 
  private:
+  struct Neighbours {
+    std::vector<Nearest> track, other;  // of each sighting: among the tracks, among the other sightings
+    std::vector<Nearest> sighting;      // of each track
+  };
+
+  Neighbours neighbours(const std::vector<Sighting>& seen) const {
+    Neighbours near{std::vector<Nearest>(seen.size()), std::vector<Nearest>(seen.size()),
+                    std::vector<Nearest>(live_.size())};
+    for (std::size_t i = 0; i < seen.size(); ++i) {
+      for (std::size_t k = 0; k < live_.size(); ++k) {
+        const double distance_m = (live_[k].place_m - seen[i].place_m).norm();
+        near.track[i].offer(k, distance_m);
+        near.sighting[k].offer(i, distance_m);
+      }
+      for (std::size_t j = 0; j < seen.size(); ++j)
+        if (j != i) near.other[i].offer(j, (seen[j].place_m - seen[i].place_m).norm());
+    }
+    return near;
+  }
+
   void begin(const Sighting& sighting, const TreeScan& scan) {
     started_.emplace_back();
     started_.back().see(sighting, scan.driven_m);

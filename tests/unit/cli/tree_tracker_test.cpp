@@ -74,7 +74,7 @@ TEST(TreeTracker, SaysNothingOfTreesThatStandTooClose) {
 TEST(TreeTracker, DropsClutterAndCars) {
   Drive drive;
   for (int i = 0; i < 30; ++i) {
-    Points points{{40.0, 8.0}, {30.0 - 0.15 * i, -4.0}, {50.0 - 1.2 * i, -15.0}};  // tree, cars
+    Points points{{40.0, 8.0}, {30.0 - 0.15 * i, -4.0}, {50.0 - 2.5 * i, -15.0}};  // tree, cars
     if (i < 5) points.emplace_back(25.0, 12.0);
     drive.see(points);
   }

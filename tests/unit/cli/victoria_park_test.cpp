@@ -25,6 +25,7 @@ using testing::Not;
 constexpr double begin_s = 20.0, length_s = 120.0, speed_m_s = 3.0;
 constexpr double straight_rad = -0.004 / 1.04;  // what the steering sensor reads when the wheels point ahead
 const Eigen::Vector2d laser_m(3.78, 0.5);
+constexpr double laser_delay_s = 0.06;
 
 Eigen::Vector2d tree(int i) { return {100.0 + 12.0 * i, i % 2 == 0 ? 6.0 : -7.0}; }
 
@@ -37,16 +38,17 @@ void write_small_set(const fs::path& folder) {
     const double t_s = begin_s + 0.2 * i;
     const Eigen::Vector2d laser = Eigen::Vector2d(100.0 + speed_m_s * 0.2 * i, 0.0) + laser_m;
     append_csv_row(gps, t_s, laser.x(), laser.y());
+    const double stamp_s = t_s + laser_delay_s;
     std::vector<Eigen::Vector2d> seen;
     for (int k = 0; k < 40; ++k) seen.push_back(tree(k));
     seen.emplace_back(250.0 - 0.6 * 0.2 * i, 15.0);
     bool any = false;
     for (const Eigen::Vector2d& p : seen)
       if (const Eigen::Vector2d d = p - laser; d.x() > 0.0 && d.norm() < 30.0) {
-        append_csv_row(trees, t_s, d.norm(), std::atan2(d.y(), d.x()), 0.4);
+        append_csv_row(trees, stamp_s, d.norm(), std::atan2(d.y(), d.x()), 0.4);
         any = true;
       }
-    if (!any) trees += std::to_string(t_s) + ",,,\n";
+    if (!any) trees += std::to_string(stamp_s) + ",,,\n";
   }
   test::write(folder / "odometry.csv", odometry);
   test::write(folder / "gps.csv", gps);
