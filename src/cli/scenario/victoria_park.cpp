@@ -87,7 +87,10 @@ struct Window {
 
 struct Dropped {
   std::size_t unsure = 0, seldom = 0, moving = 0;
-  std::size_t sum() const { return unsure + seldom + moving; }
+  std::string text() const {
+    return std::to_string(unsure) + " that could be of two things, " + std::to_string(seldom) + " seen too seldom, " +
+           std::to_string(moving) + " of what moved";
+  }
 };
 
 void add_sightings(const std::vector<Detections>& detections, const ReckonedPath& path, const Window& window,
@@ -181,10 +184,7 @@ Scenario<SE2> load_victoria_park(const fs::path& folder, std::uint64_t seed) {
         cut(id, {begin_s, begin_s + length_s}, odometry, path, detections, reference.poses, dropped));
     scenario.duration_s = std::max(scenario.duration_s, scenario.vehicles.back().sensors.back().t_s);
   }
-  scenario.source = fs::weakly_canonical(folder).filename().string() +
-                    "; detections left out: " + std::to_string(dropped.unsure) + " that could be of two things, " +
-                    std::to_string(dropped.seldom) + " seen too seldom, " + std::to_string(dropped.moving) +
-                    " of what moved";
+  scenario.source = fs::weakly_canonical(folder).filename().string() + "; detections left out: " + dropped.text();
   set_priors(folder / "gps.csv", scenario);
   return scenario;
 }
