@@ -7,7 +7,7 @@
 //                  vehicle, and this angle turns the whole fleet.
 //   gauge "fit"    one rigid motion (no scale) for the whole fleet, fitted to the positions of all corrected
 //                  trajectories.
-// pose_anees and pose_coverage95 use "start" for the street and "fit" for MR.CLAM; both are given under their own
+// pose_anees and pose_coverage95 use "start" for the street and "fit" for recordings; both are given under their own
 // names (..._start, ..._fit). A third variant, ..._mounted, uses "fit" and takes off, vehicle by vehicle, the angle and
 // the forward offset of the truth's body frame, found from the truth alone (find_truth_mount). Position errors (ATE)
 // always use "fit" and the truth as it was recorded. gauge_shift_m and gauge_turn_rad say how far "fit" lies from
