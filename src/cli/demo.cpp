@@ -112,6 +112,7 @@ void tune_for_victoria_park(VehicleConfig<SE2>& c) {
 template <class G>
 void use_paper_method(VehicleConfig<G>& c) {
   c.vehicle.drift.model = DriftModel::literal;
+  c.vehicle.drift.persistent = {};
   c.vehicle.submaps.backend = MapBackend::ekf;
   c.vehicle.association.method = SearchMethod::fig5;
   c.front_end.max_remembered = 0;  // its live pose is that of the SLAM, moved by the bias of the last anchor

@@ -41,7 +41,7 @@ struct GpsReferenceParams {
   Eigen::Vector2d lever_m = Eigen::Vector2d::Zero();  ///< the antenna in the body frame [m]
   double span_m = 40.0;                               ///< way to either side that is laid onto GPS [m]
   double fix_spacing_m = 0.3;   ///< fixes closer together along the way say the same and count once [m]
-  double max_residual_m = 1.5;  ///< a fix further from the fit is a jump [m]
+  double max_residual_m = 2.0;  ///< a fix further from the fit is a jump [m]
   double min_share = 0.7;       ///< of the fixes of a span that must be none, 0.6..1
   double min_spread_m = 30.0;   ///< way between the first and the last of them: what a heading takes [m]
   double max_gap_m = 20.0;      ///< way to the nearest of them [m]
