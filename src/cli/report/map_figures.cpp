@@ -382,7 +382,7 @@ void draw_common_map(SvgPlot& plot, const RunRecord<G>& run, const Evaluation<G>
     if (!vehicle.truth.empty())
       plot.line(truth_path(vehicle, T_common_world), {truth_color, many ? 0.8 : 1.0, "", many ? 0.55 : 1.0},
                 "ground truth");
-  if (!many || run.landmarks.size() > 60) return;
+  if (!many || run.landmarks.empty() || run.landmarks.size() > 60) return;
   std::vector<Point> places;
   for (const TruthLandmark<G>& landmark : run.landmarks)
     places.push_back(from_above(T_common_world * landmark.p_world_m));
