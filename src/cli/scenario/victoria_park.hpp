@@ -16,7 +16,8 @@ namespace convoy::cli {
 ///   and counted as dropped_unknown_sightings; `source` says why.
 /// - GPS is used for three things only: the truth, the means of the priors, and two constants of the steering sensor,
 ///   found once and for all. Its fixes are no sensor events.
-/// - Truth: gps_reference.hpp, a measurement itself. Of the first 778 s of the recording it covers 84 %. Fixes that were
+/// - Truth: gps_reference.hpp, a measurement itself. Of the first 778 s of the recording it covers 84 %. Fixes that
+/// were
 ///   left out of the fit, 20 m of the way at a time, lie 0.40 m (median) and 1.3 m (90 %) from it. What GPS drifts by
 ///   over minutes is not in that: where accepted hypotheses bring two passes together, it contradicts them by 1.1 m in
 ///   the median, 2.3 m (90 %) and 3.0 m at most, and by 0.12 rad at most; pose_tolerance, 6 m and 0.25 rad, is twice
