@@ -310,8 +310,7 @@ class Calibrator {
     if (options_.by == "truth" && !truth)
       throw ConfigError(
           "calibrate: --by truth, and not every run has a folder 'truth' with poses that are more than a coarse "
-          "measurement; "
-          "leave those runs out, or use --by closures");
+          "measurement; leave those runs out, or use --by closures");
     result_.by_truth = options_.by == "truth" || (options_.by == "auto" && truth);
     for (const Run& run : runs_) result_.by_truth ? learn_by_truth(run) : learn_by_closures(run);
     result_.landmark_inflation = inflation_estimate(inflation_.chi2, inflation_.dof);
