@@ -288,8 +288,8 @@ std::vector<Closure<SE2>> closures_of(const Run& run, const std::vector<Aligned>
 }
 
 bool has_truth(const Run& run) {
-  return std::all_of(run.vehicles.begin(), run.vehicles.end(),
-                     [&](VehicleId id) { return !run.record.find(id)->truth.empty(); });
+  return !run.record.pose_tolerance && std::all_of(run.vehicles.begin(), run.vehicles.end(),
+                                                   [&](VehicleId id) { return !run.record.find(id)->truth.empty(); });
 }
 
 class Calibrator {
@@ -309,8 +309,8 @@ class Calibrator {
     const bool truth = std::all_of(runs_.begin(), runs_.end(), has_truth);
     if (options_.by == "truth" && !truth)
       throw ConfigError(
-          "calibrate: --by truth, and not every run has a folder 'truth' with poses; leave those runs out, or use --by "
-          "closures");
+          "calibrate: --by truth, and not every run has a folder 'truth' with poses that are more than a coarse "
+          "measurement; leave those runs out, or use --by closures");
     result_.by_truth = options_.by == "truth" || (options_.by == "auto" && truth);
     for (const Run& run : runs_) result_.by_truth ? learn_by_truth(run) : learn_by_closures(run);
     result_.landmark_inflation = inflation_estimate(inflation_.chi2, inflation_.dof);

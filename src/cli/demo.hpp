@@ -13,10 +13,10 @@ namespace convoy::cli {
 
 struct DemoOptions {
   std::filesystem::path out;  ///< run folder; must not hold a run yet
-  std::string dataset;        ///< "" (the street), or "mrclam"
+  std::string dataset;        ///< "" (the street), "mrclam" or "victoria-park"
   std::filesystem::path dataset_folder;
   bool space = false;                   ///< the street climbs and falls, and everything is SE(3)
-  std::uint64_t seed = 1;               ///< of the street
+  std::uint64_t seed = 1;               ///< of the street, and of the priors of victoria-park
   double rate = 10.0;                   ///< vehicle seconds per second, > 0
   std::string impair;                   ///< Impairment::parse; on what every vehicle receives
   bool literal = false;                 ///< the paper's own method: literal drift, EKF map, Fig. 5 search

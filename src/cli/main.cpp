@@ -57,9 +57,12 @@ int main(int argc, char** argv) {
   auto* demo_command = app.add_subcommand("demo", "Drive a fleet on this machine, one process per vehicle, and report");
   demo.out = "convoy-demo";
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
-  demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam")->expected(2);
+  demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam, victoria-park")
+      ->expected(2);
   demo_command->add_flag("--space", demo.space, "a street that climbs and falls, in three dimensions");
-  demo_command->add_option("--seed", demo.seed, "seed of the simulated street (default: 1)")->check(whole_number);
+  demo_command
+      ->add_option("--seed", demo.seed, "seed of the simulated street, and of the priors of victoria-park (default: 1)")
+      ->check(whole_number);
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
       ->check(CLI::Range(0.01, 1000.0));
   demo_command->add_option("--impair", demo.impair,

@@ -95,9 +95,14 @@ nlohmann::json read_json(const fs::path& file) {
   return nlohmann::json::parse(in);
 }
 
-std::optional<fs::path> mrclam_folder() {
-  const fs::path folder = test::data_folder() / "utias_mrclam/ds6";
+namespace {
+std::optional<fs::path> recording(const char* name) {
+  const fs::path folder = test::data_folder() / name;
   return fs::exists(folder) ? std::optional(folder) : std::nullopt;
 }
+}  // namespace
+
+std::optional<fs::path> mrclam_folder() { return recording("utias_mrclam/ds6"); }
+std::optional<fs::path> victoria_park_folder() { return recording("victoria_park"); }
 
 }  // namespace convoy::testing

@@ -60,5 +60,7 @@ nlohmann::json read_json(const std::filesystem::path& file);
 
 /// Set 6 of MR.CLAM in the data folder; empty if it is not on this machine.
 std::optional<std::filesystem::path> mrclam_folder();
+/// Victoria Park in the data folder; empty if it is not on this machine.
+std::optional<std::filesystem::path> victoria_park_folder();
 
 }  // namespace convoy::testing

@@ -224,5 +224,23 @@ TEST(Demo, FiveRealRobotsWithHiddenIdentities) {
   EXPECT_EQ(metrics["vehicles"][0]["map_digest"], other["vehicles"][0]["map_digest"]);
 }
 
+TEST(Demo, AParkWhoseTreesNobodyHasNamed) {
+  const auto data = victoria_park_folder();
+  if (!data) GTEST_SKIP() << "no victoria_park; set CONVOY_DATA_DIR to the folder that holds victoria_park";
+  const ScratchFolder scratch;
+  const Outcome outcome =
+      run_convoy("demo --dataset victoria-park " + data->string() + " --rate 30 --out " + (scratch / "run").string());
+  ASSERT_EQ(outcome.status, 0) << outcome.output;
+  const json metrics = read_json(scratch / "run/metrics.json");
+  EXPECT_EQ(metrics["all_aligned"], true);
+  EXPECT_EQ(metrics["facts_lost"], 0);
+  EXPECT_LE(metrics["fleet_ate_m"], 1.5);
+  EXPECT_EQ(metrics["fleet_anees"], nullptr);
+  const json& associations = metrics["associations"];
+  EXPECT_EQ(associations["judged_by"], "poses");
+  EXPECT_EQ(associations["hypotheses_false"], 0);
+  EXPECT_GE(associations["hypotheses_accepted"], 2 * associations["hypotheses_unjudged"].get<int>());
+}
+
 }  // namespace
 }  // namespace convoy::testing

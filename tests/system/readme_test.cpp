@@ -49,6 +49,7 @@ void expect_runs(std::string line, const ScratchFolder& scratch) {
     if (const auto at = line.find(name); at != std::string::npos) line.replace(at, name.size(), file().string());
   };
   replace("MRCLAM_FOLDER", [] { return *mrclam_folder(); });
+  replace("VICTORIA_PARK_FOLDER", [] { return *victoria_park_folder(); });
   replace("GRAPH.g2o", [&] { return square_graph(scratch); });
   replace("PROBLEM.assoc", [&] { return posts_problem(scratch); });
   const Outcome outcome = run_shell("cd " + scratch.path().string() + " && " + CONVOY_PROGRAM + line.substr(6));
@@ -61,7 +62,9 @@ std::vector<std::string> readme_lines() {
   return lines;
 }
 
-bool needs_recordings(const std::string& line) { return line.find("MRCLAM_FOLDER") != std::string::npos; }
+bool needs_recordings(const std::string& line) {
+  return line.find("MRCLAM_FOLDER") != std::string::npos || line.find("VICTORIA_PARK_FOLDER") != std::string::npos;
+}
 
 TEST(Readme, EveryCommandRuns) {
   const std::filesystem::path source(CONVOY_SOURCE_FOLDER);
@@ -84,8 +87,8 @@ TEST(Readme, EveryCommandRuns) {
 }
 
 TEST(Readme, EveryCommandOnRecordingsRuns) {
-  if (!mrclam_folder())
-    GTEST_SKIP() << "no utias_mrclam/ds6; set CONVOY_DATA_DIR to the folder that holds utias_mrclam";
+  if (!mrclam_folder() || !victoria_park_folder())
+    GTEST_SKIP() << "no utias_mrclam/ds6 or no victoria_park; set CONVOY_DATA_DIR to the folder that holds both";
   const ScratchFolder scratch;
   int ran = 0;
   for (const std::string& line : readme_lines())
@@ -93,7 +96,7 @@ TEST(Readme, EveryCommandOnRecordingsRuns) {
       expect_runs(line, scratch);
       ++ran;
     }
-  EXPECT_GE(ran, 1);
+  EXPECT_GE(ran, 2);
 }
 
 TEST(Readme, TheDemoScriptExplainsItself) {

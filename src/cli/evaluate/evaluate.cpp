@@ -85,9 +85,10 @@ struct Gauge {
 
 /// Judges what a vehicle said of itself in a gauge; what it said of its peers is skipped.
 template <class G>
-Consistency<G> judge(const VehicleRecord<G>& vehicle, const std::vector<PoseRow<G>>& rows, const Gauge<G>& gauge) {
+Consistency<G> judge(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const std::vector<PoseRow<G>>& rows,
+                     const Gauge<G>& gauge) {
   Consistency<G> result;
-  if (!gauge.T_world_common) return result;
+  if (!gauge.T_world_common || run.pose_tolerance) return result;  // a coarse truth says nothing of covariances
   G T_truth_body;
   if (gauge.mounts) {
     const auto mount = gauge.mounts->find(vehicle.id);
@@ -388,10 +389,85 @@ Verdict verdict_of(const RunRecord<G>& run, const Pairing& pairing) {
   return *first == *second ? Verdict::right : Verdict::wrong;
 }
 
+/// Where the truth has a landmark: as it lies from its anchor, from the true pose there.
+template <class G>
+class LandmarksByPoses {
+ public:
+  LandmarksByPoses(const RunRecord<G>& run, const MapRecord<G>& map) {
+    std::map<Key, G> T_world_common;  // of each anchor
+    for (const MapAnchor<G>& anchor : map.anchors) {
+      const VehicleRecord<G>* author = run.find(anchor.key.chain.vehicle);
+      const auto T_world_body = author ? truth_at(author->truth, anchor.stamp_s) : std::nullopt;
+      if (T_world_body && anchor.common) T_world_common[anchor.key] = *T_world_body * anchor.common->T.inverse();
+    }
+    for (const MapLandmark<G>& landmark : map.landmarks) {
+      const auto T = T_world_common.find({landmark.key.chain, landmark.anchor});
+      if (T != T_world_common.end() && landmark.p_common_m) places_[landmark.key] = T->second * *landmark.p_common_m;
+    }
+  }
+  const typename G::Point* find(const Key& key) const {
+    const auto it = places_.find(key);
+    return it == places_.end() ? nullptr : &it->second;
+  }
+
+ private:
+  std::map<Key, typename G::Point> places_;
+};
+
+/// Wrong if the truth has the paired landmarks in two places, or turned against each other.
+template <class G>
+Verdict verdict_by_poses(const LandmarksByPoses<G>& truth, const PoseTolerance& tolerance,
+                         const MapAssociation& association) {
+  std::vector<typename G::Point> first, second;
+  typename G::Point apart = G::Point::Zero();
+  for (const Pairing& pairing : association.pairings) {
+    const auto *a = truth.find(pairing.first), *b = truth.find(pairing.second);
+    if (!a || !b) continue;
+    first.push_back(*a);
+    second.push_back(*b);
+    apart += *b - *a;
+  }
+  const auto fit = fit_rigid<G>(first, second);
+  if (!fit) return Verdict::unknown;
+  const double shift_m = apart.norm() / static_cast<double>(first.size());
+  const double turn_rad = fit->T_to_from.Log().template tail<G::Dof - G::Dim>().norm();
+  return shift_m > tolerance.position_m || turn_rad > tolerance.heading_rad ? Verdict::wrong : Verdict::right;
+}
+
+bool within_one_vehicle(const Pairing& pairing) { return pairing.first.chain.vehicle == pairing.second.chain.vehicle; }
+
+/// Where nothing says which landmark is which: whole hypotheses, by the poses.
+template <class G>
+json judge_associations_by_poses(const RunRecord<G>& run, const MapRecord<G>& map) {
+  const LandmarksByPoses<G> truth(run, map);
+  std::set<Pairing> seen;
+  int count[3] = {0, 0, 0};
+  const std::vector<const MapAssociation*> accepted = accepted_by_time(map);
+  for (const MapAssociation* association : accepted) {
+    seen.insert(association->pairings.begin(), association->pairings.end());
+    ++count[static_cast<int>(verdict_by_poses(truth, *run.pose_tolerance, *association))];
+  }
+  const auto within = std::count_if(seen.begin(), seen.end(), within_one_vehicle);
+  return {{"judged_by", "poses"},
+          {"accepted", seen.size()},
+          {"true", nullptr},
+          {"false", nullptr},
+          {"unjudged", seen.size()},
+          {"within_a_vehicle", within},
+          {"within_a_vehicle_false", nullptr},
+          {"between_vehicles", seen.size() - static_cast<std::size_t>(within)},
+          {"between_vehicles_false", nullptr},
+          {"hypotheses_accepted", accepted.size()},
+          {"hypotheses_false", count[static_cast<int>(Verdict::wrong)]},
+          {"hypotheses_unjudged", count[static_cast<int>(Verdict::unknown)]},
+          {"hypotheses_rejected", map.associations.size() - accepted.size()}};
+}
+
 template <class G>
 json judge_associations(const RunRecord<G>& run) {
   const VehicleRecord<G>* survivor = run.first_survivor();
   if (!survivor) return {{"accepted", nullptr}, {"true", nullptr}, {"false", nullptr}};
+  if (run.pose_tolerance) return judge_associations_by_poses(run, *survivor->map);
   std::set<Pairing> seen;
   int count[3] = {0, 0, 0}, within[3] = {0, 0, 0}, hypotheses = 0, hypotheses_false = 0;
   for (const MapAssociation* association : accepted_by_time(*survivor->map)) {
@@ -401,12 +477,13 @@ json judge_associations(const RunRecord<G>& run) {
       wrong = wrong || verdict == Verdict::wrong;
       if (!seen.insert(pairing).second) continue;  // two hypotheses may hold the same pairing
       ++count[static_cast<int>(verdict)];
-      within[static_cast<int>(verdict)] += pairing.first.chain.vehicle == pairing.second.chain.vehicle;
+      within[static_cast<int>(verdict)] += within_one_vehicle(pairing);
     }
     ++hypotheses;
     hypotheses_false += wrong;
   }
   return {
+      {"judged_by", "identities"},
       {"accepted", seen.size()},
       {"true", count[static_cast<int>(Verdict::right)]},
       {"false", count[static_cast<int>(Verdict::wrong)]},
@@ -519,11 +596,12 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
   std::map<VehicleId, TruthMount> mounts;
   if constexpr (G::Dim == 2)
     for (const VehicleRecord<G>& vehicle : run.vehicles)
-      if (const auto mount = find_truth_mount(vehicle.truth)) mounts[vehicle.id] = *mount;
+      if (const auto mount = run.pose_tolerance ? std::nullopt : find_truth_mount(vehicle.truth))
+        mounts[vehicle.id] = *mount;
 
   const std::optional<G> fitted = fleet.fit ? std::optional(fleet.fit->T_to_from) : std::nullopt;
   const Gauge<G> gauges[] = {{"start", gauge_at_start(run)}, {"fit", fitted}, {"mounted", fitted, &mounts}};
-  const Gauge<G>& chosen = run.scenario == "mrclam" ? gauges[1] : gauges[0];
+  const Gauge<G>& chosen = run.scenario == "mrclam" || run.pose_tolerance ? gauges[1] : gauges[0];
   result.T_world_common = chosen.T_world_common;
   if (!result.T_world_common && landmark_fit) result.T_world_common = landmark_fit->T_to_from;
 
@@ -538,8 +616,8 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
     const auto mount = mounts.find(vehicle.id);
     auto& by_second = result.bytes_per_s[vehicle.id] = bytes_by_second(vehicle.traffic);
     const json rate = rates(by_second, vehicle.traffic.empty() ? 0.0 : vehicle.traffic.back().t_s);
-    const Consistency<G> live = judge(vehicle, vehicle.live, chosen);
-    const Consistency<G> corrected = judge(vehicle, vehicle.trajectory, chosen);
+    const Consistency<G> live = judge(run, vehicle, vehicle.live, chosen);
+    const Consistency<G> corrected = judge(run, vehicle, vehicle.trajectory, chosen);
     json entry = {{"id", vehicle.id},
                   {"lost", vehicle.lost},
                   {"bytes_per_s_mean", rate.at("mean")},
@@ -557,7 +635,7 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
                             "integrity", "reasons", "map_digest", "peak_rss_mb"})
       entry[key] = from_summary(vehicle, key);
     for (const Gauge<G>& gauge : gauges) {
-      const Consistency<G> in_gauge = judge(vehicle, vehicle.live, gauge);
+      const Consistency<G> in_gauge = judge(run, vehicle, vehicle.live, gauge);
       entry[std::string("pose_anees_") + gauge.name] = in_gauge.anees();
       entry[std::string("pose_coverage95_") + gauge.name] = in_gauge.coverage95();
       fleet_live[gauge.name].add(in_gauge);
@@ -583,6 +661,7 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
              {"seed", info_or_null(run, "seed")},
              {"dimension", G::Dim},
              {"gauge", chosen.name},
+             {"pose_tolerance", run.pose_tolerance ? tolerance_to_json(*run.pose_tolerance) : json()},
              {"gauge_shift_m", gauge_step ? json(gauge_step->translation().norm()) : json()},
              {"gauge_turn_rad", gauge_step ? json(gauge_step->Log().template tail<G::Dof - G::Dim>().norm()) : json()},
              {"vehicles", std::move(vehicles)},

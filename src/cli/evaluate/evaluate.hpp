@@ -7,7 +7,7 @@
 //                  vehicle, and this angle turns the whole fleet.
 //   gauge "fit"    one rigid motion (no scale) for the whole fleet, fitted to the positions of all corrected
 //                  trajectories.
-// pose_anees and pose_coverage95 use "start" for the street and "fit" for MR.CLAM; both are given under their own
+// pose_anees and pose_coverage95 use "start" for the street and "fit" for recordings; both are given under their own
 // names (..._start, ..._fit). A third variant, ..._mounted, uses "fit" and takes off, vehicle by vehicle, the angle and
 // the forward offset of the truth's body frame, found from the truth alone (find_truth_mount). Position errors (ATE)
 // always use "fit" and the truth as it was recorded. gauge_shift_m and gauge_turn_rad say how far "fit" lies from
@@ -32,6 +32,13 @@
 // neighbouring rows along the geodesic, and the same with the two exchanged. distance_samples, ..._raw, ..._settled and
 // ..._corrected count what each of these rests on, both ways of looking together; below enough_distance_samples an RMSE
 // says nothing.
+//
+// Associations. Where the tracks of a run are landmarks, a pairing is true if both are the same (judged_by
+// "identities"), and a hypothesis false if one of its pairings is. Where nobody knows the landmarks and the truth of
+// poses is itself a measurement (Scenario::pose_tolerance), judged_by is "poses": a hypothesis is false if the true
+// poses at the two anchors put its landmarks, as each batch has them, further apart than that tolerance in the mean, or
+// turn them against each other; hypotheses_unjudged count those with no true pose. Of single pairings nothing is said
+// then, nor of covariances; errors of poses and distances are those of the truth, too.
 //
 // In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge
 // "mounted" and truth_mount_... are planar, and null there.

@@ -110,6 +110,7 @@ template <class G>
 MapLandmark<G> landmark_from(const json& object) {
   MapLandmark<G> landmark;
   landmark.key = key_from(object);
+  landmark.anchor = object.value("anchor", std::uint32_t{0});
   typename G::Point p;
   bool known = true;
   for (int c = 0; c < G::Dim; ++c) {
@@ -234,19 +235,18 @@ std::set<VehicleId> read_run_info(const fs::path& file, RunRecord<G>& run) {
   return fleet;
 }
 
+/// What of scenario.json the judge needs, if it is there.
 template <class G>
-std::map<VehicleId, StaticPrior<G>> priors_of(const fs::path& run_folder) {
-  std::map<VehicleId, StaticPrior<G>> priors;
-  const fs::path file = run_folder / "scenario.json";
-  if (!fs::exists(file)) return priors;
+void read_scenario(const fs::path& file, RunRecord<G>& run) {
+  if (!fs::exists(file)) return;
   with_json(file, [&](const json& object) {
+    run.pose_tolerance = pose_tolerance_in(object);
     for (const json& vehicle : object.at("vehicles"))
-      if (vehicle.contains("prior")) {
-        priors[vehicle.at("id")] = {pose_from_list<G>(vehicle.at("prior").at("mean")),
-                                    vector_from<typename G::Tangent>(vehicle.at("prior").at("sigma"))};
-      }
+      for (VehicleRecord<G>& record : run.vehicles)
+        if (vehicle.at("id") == json(record.id) && vehicle.contains("prior"))
+          record.prior = {pose_from_list<G>(vehicle.at("prior").at("mean")),
+                          vector_from<typename G::Tangent>(vehicle.at("prior").at("sigma"))};
   });
-  return priors;
 }
 
 /// Time of the first row of sensors.csv, without reading the rest.
@@ -288,13 +288,12 @@ RunRecord<G> read_run(const fs::path& folder) {
   RunRecord<G> run;
   run.folder = folder;
   const std::set<VehicleId> fleet = read_run_info(folder / "run.json", run);
-  const auto priors = priors_of<G>(folder);
+  read_scenario(folder / "scenario.json", run);
   for (VehicleRecord<G>& vehicle : run.vehicles) {
     const fs::path own = vehicle_folder(folder, vehicle.id);
     read_vehicle_files(own, fleet, vehicle);
     if (const auto t_s = first_event<G>(own / "sensors.csv")) run.first_event_s[vehicle.id] = *t_s;
     if (fs::exists(truth_file(folder, vehicle.id))) vehicle.truth = read_truth<G>(truth_file(folder, vehicle.id));
-    if (const auto prior = priors.find(vehicle.id); prior != priors.end()) vehicle.prior = prior->second;
   }
   if (fs::exists(folder / "truth" / "landmarks.csv"))
     run.landmarks = read_landmarks<G>(folder / "truth" / "landmarks.csv");

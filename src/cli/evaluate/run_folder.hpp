@@ -67,6 +67,7 @@ struct MapLandmark {
   Key key;
   std::optional<typename G::Point> p_common_m;  ///< empty while its chain is not aligned
   std::int64_t landmark_class = -1;             ///< -1: associated with nothing
+  std::uint32_t anchor = 0;                     ///< index of the anchor of its batch, of its own chain
 };
 
 struct MapAssociation {
@@ -113,7 +114,8 @@ struct RunRecord {
   VehicleId common_frame_vehicle = 0;
   std::vector<VehicleRecord<G>> vehicles;  ///< by id
   std::vector<TruthLandmark<G>> landmarks;
-  std::map<VehicleId, double> first_event_s;  ///< time of each vehicle's first sensor event
+  std::optional<PoseTolerance> pose_tolerance;  ///< see Scenario
+  std::map<VehicleId, double> first_event_s;    ///< time of each vehicle's first sensor event
 
   const VehicleRecord<G>* find(VehicleId id) const;
   /// The first vehicle that lived to the end and left a map; nullptr if none did.

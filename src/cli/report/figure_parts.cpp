@@ -31,6 +31,13 @@ bool has_truth(const RunRecord<G>& run) {
 }
 
 template <class G>
+std::string without_judgement(const RunRecord<G>& run, const std::string& of_what) {
+  const std::string why = run.pose_tolerance ? " The truth of poses is itself a measurement, too coarse to judge "
+                                             : " There is no pose truth to judge ";
+  return why + of_what + " by.";
+}
+
+template <class G>
 std::vector<Point> truth_path(const VehicleRecord<G>& vehicle, const G& T_frame_world) {
   std::vector<Point> path;
   double last_s = -std::numeric_limits<double>::infinity();
@@ -117,6 +124,7 @@ bool crowded(const RunRecord<G>& run) {
 
 #define CONVOY_INSTANTIATE(G)                                                                             \
   template bool has_truth(const RunRecord<G>&);                                                           \
+  template std::string without_judgement(const RunRecord<G>&, const std::string&);                        \
   template std::vector<Point> truth_path(const VehicleRecord<G>&, const G&);                              \
   template const std::vector<PoseRow<G>>& own_rows(const VehicleRecord<G>&);                              \
   template std::vector<Point> slam_path(const VehicleRecord<G>&, const G&);                               \

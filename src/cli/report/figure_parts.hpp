@@ -78,6 +78,9 @@ std::string key_of(const std::vector<std::pair<Style, std::string>>& entries);
 std::string metres_text(double value);
 template <class G>
 bool has_truth(const RunRecord<G>& run);
+/// " There is no pose truth to judge ... by.", or that it is too coarse.
+template <class G>
+std::string without_judgement(const RunRecord<G>& run, const std::string& of_what);
 /// A point in space as drawings show it: from above.
 inline Point from_above(const Eigen::Vector2d& p) { return p; }
 inline Point from_above(const Eigen::Vector3d& p) { return p.head<2>(); }

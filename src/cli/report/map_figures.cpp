@@ -162,6 +162,7 @@ template <class G>
 Share held_by_drift(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
   static const double bound = chi2_quantile(0.95, 2.0);
   Share share;
+  if (run.pose_tolerance) return share;
   for (const MapAnchor<G>* anchor : anchors_of(run, vehicle.id)) {
     const auto truth = truth_at(vehicle.truth, anchor->stamp_s);
     if (!truth || !placement.T_frame_world) continue;
@@ -175,9 +176,10 @@ Share held_by_drift(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, co
 
 /// The same for the SLAM's own ellipses along the way.
 template <class G>
-Share held_by_slam(const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
+Share held_by_slam(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
   static const double bound = chi2_quantile(0.95, 2.0);
   Share share;
+  if (run.pose_tolerance) return share;
   for (const PoseRow<G>& row : own_rows(vehicle)) {
     if (row.vehicle != vehicle.id || !row.slam) continue;
     const auto truth = truth_at(vehicle.truth, row.t_s);
@@ -200,7 +202,7 @@ double reach_m(const Eigen::Matrix2d& covariance) {
 template <class G>
 std::string drift_findings(const RunRecord<G>& run, const VehicleRecord<G>& vehicle, const Placement<G>& placement) {
   std::string text;
-  const Share drift = held_by_drift(run, vehicle, placement), slam = held_by_slam(vehicle, placement);
+  const Share drift = held_by_drift(run, vehicle, placement), slam = held_by_slam(run, vehicle, placement);
   if (drift.judged > 0)
     text +=
         " At the ends of its segments, " + drift.text() + " true positions lie within the ellipse of the drift model.";
@@ -214,7 +216,7 @@ std::string drift_findings(const RunRecord<G>& run, const VehicleRecord<G>& vehi
     text += " Where the last segment ends, the ellipse of the drift reaches " +
             metres_text(reach_m(from_above(drift_covariance(*anchors.back(), placement)))) +
             ", that of the SLAM alone " + metres_text(reach_m(from_above(position_covariance(*last->slam)))) + ".";
-  if (drift.judged == 0 && slam.judged == 0) text += " There is no pose truth to judge the ellipses by.";
+  if (drift.judged == 0 && slam.judged == 0) text += without_judgement(run, "the ellipses");
   return text;
 }
 
@@ -280,7 +282,7 @@ Figure drift_of_others(const RunRecord<G>& run, const Evaluation<G>& evaluation)
       "frame before the first association." +
       (held.judged > 0 ? " At the ends of their segments, " + held.text() +
                              " true positions lie within the ellipse of the drift model."
-                       : " There is no pose truth to judge the ellipses by.") +
+                       : without_judgement(run, "the ellipses")) +
       seen_from_above<G>();
   const std::string first_color = vehicle_color(run, run.vehicles[1].id);
   figure.body = key_of({{truth_style(), "ground truth"},
@@ -380,7 +382,7 @@ void draw_common_map(SvgPlot& plot, const RunRecord<G>& run, const Evaluation<G>
     if (!vehicle.truth.empty())
       plot.line(truth_path(vehicle, T_common_world), {truth_color, many ? 0.8 : 1.0, "", many ? 0.55 : 1.0},
                 "ground truth");
-  if (!many || run.landmarks.size() > 60) return;
+  if (!many || run.landmarks.empty() || run.landmarks.size() > 60) return;
   std::vector<Point> places;
   for (const TruthLandmark<G>& landmark : run.landmarks)
     places.push_back(from_above(T_common_world * landmark.p_world_m));

@@ -65,6 +65,8 @@ std::string tile(const std::string& value, const std::string& what, bool bad = f
          xml_escaped(what) + "</span></div>\n";
 }
 
+bool judged_by_poses(const json& associations) { return associations.value("judged_by", json()) == json("poses"); }
+
 std::string tiles(const json& m) {
   const json& associations = m.at("associations");
   const auto above_zero = [](const json& value) { return value.is_number() && value.get<double>() > 0.0; };
@@ -76,8 +78,12 @@ std::string tiles(const json& m) {
   if (m.at("fleet_ate_m").is_number()) out += tile(show(m.at("fleet_ate_m"), 3, "m"), "fleet ATE");
   if (m.at("landmark_rmse_m").is_number()) out += tile(show(m.at("landmark_rmse_m"), 3, "m"), "landmark RMSE");
   out += tile(show_percent(m.at("fleet_coverage95")), "of live poses within 95 % bound");
-  out += tile(show(associations.at("true"), 0) + " / " + show(associations.at("false"), 0), "pairings true / false",
-              above_zero(associations.at("false")));
+  if (judged_by_poses(associations))
+    out += tile(show(associations.at("hypotheses_accepted"), 0) + " / " + show(associations.at("hypotheses_false"), 0),
+                "hypotheses accepted / false by the poses", above_zero(associations.at("hypotheses_false")));
+  else
+    out += tile(show(associations.at("true"), 0) + " / " + show(associations.at("false"), 0), "pairings true / false",
+                above_zero(associations.at("false")));
   out += tile(show(m.at("facts_lost"), 0), "facts lost", above_zero(m.at("facts_lost")));
   out += tile(show_yes_no(m.at("map_digests_equal")), "all maps equal", m.at("map_digests_equal") == json(false));
   out += tile(show(worst(m.at("vehicles"), "bytes_per_s_mean"), 0, "B/s"), "sent, busiest vehicle");
@@ -127,13 +133,23 @@ std::string vehicle_table(const RunRecord<G>& run, const json& m) {
                rows);
 }
 
+/// Why a coarse truth says nothing of covariances.
+std::string coarse_truth_note(const json& m) {
+  const json& tolerance = m.at("pose_tolerance");
+  if (tolerance.is_null()) return "";
+  return " The truth of poses is itself a measurement: two of its poses may contradict each other by " +
+         show(tolerance.at("position_m"), 1, "m") + " and " + show(tolerance.at("heading_rad"), 2, "rad") +
+         ". Hypotheses are false if they contradict it by more; covariances are not judged, and its errors are part of "
+         "every position and distance error.";
+}
+
 /// What a gauge is, and why one of them may be hard on the common-frame vehicle.
 template <class G>
 std::string vehicle_note(const RunRecord<G>& run, const json& m) {
   return "<p class=\"note\">Gauge start lays the truth onto the true start of " +
          xml_escaped(the_vehicle(run, run.common_frame_vehicle)) +
          ", gauge fit onto all corrected trajectories by one rigid motion; this run is judged in gauge " +
-         show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + "</p>\n";
+         show_text(m.at("gauge")) + "." + xml_escaped(gauge_note(run, m)) + coarse_truth_note(m) + "</p>\n";
 }
 
 /// "0.071 (154)": a distance of a pair, and how many samples it rests on.
@@ -173,8 +189,10 @@ std::string fleet_table(const json& m) {
         show(m.at("fleet_anees_fit"), 2) + " / " + show(m.at("fleet_anees_start"), 2)},
        {"live poses within their 95 % bound, gauge fit / gauge start",
         show_percents(m.at("fleet_coverage95_fit"), m.at("fleet_coverage95_start"))},
-       {"hypotheses accepted / with a false pairing",
-        number("hypotheses_accepted") + " / " + number("hypotheses_false")},
+       {judged_by_poses(a) ? "hypotheses accepted / false / unjudged, by the poses"
+                           : "hypotheses accepted / with a false pairing",
+        number("hypotheses_accepted") + " / " + number("hypotheses_false") +
+            (judged_by_poses(a) ? " / " + number("hypotheses_unjudged") : "")},
        {"pairings accepted / true / false", number("accepted") + " / " + number("true") + " / " + number("false")},
        {"of these between vehicles / false", number("between_vehicles") + " / " + number("between_vehicles_false")},
        {"every vehicle in the common frame", show_yes_no(m.at("all_in_common_frame"))},
@@ -281,11 +299,16 @@ std::string headline(const RunRecord<G>& run, const json& m) {
             (a.at("within_a_vehicle") == json(0) ? ""
                                                  : ", of " + show(a.at("within_a_vehicle"), 0) + " within a vehicle " +
                                                        count_false(a.at("within_a_vehicle_false")));
+  if (judged_by_poses(a))
+    text += " Of " + show(a.at("hypotheses_accepted"), 0) + " accepted hypotheses " +
+            count_false(a.at("hypotheses_false")) + " by the measured poses, and " +
+            show(a.at("hypotheses_unjudged"), 0) + " could not be judged";
+  const bool began = false_pairings.is_number() || judged_by_poses(a);
   const json bytes = worst(m.at("vehicles"), "bytes_per_s_mean");
   if (bytes.is_number())
-    text += std::string(false_pairings.is_number() ? "; " : " ") + "no vehicle sent more than " +
+    text += std::string(began ? "; " : " ") + "no vehicle sent more than " +
             show(bytes.get<double>() / 1000.0, 2, "KB/s") + " on average";
-  if (false_pairings.is_number() || bytes.is_number()) text += ".";
+  if (began || bytes.is_number()) text += ".";
   if (!m.at("lost_vehicles").empty()) {
     text += " Lost on the way:";
     for (std::size_t i = 0; i < m.at("lost_vehicles").size(); ++i)

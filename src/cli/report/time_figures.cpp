@@ -216,7 +216,7 @@ Figure consistency(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
                ? ""
                : " Judged in gauge fit, which counts against the first poses of " +
                      the_vehicle(run, run.common_frame_vehicle) + ": see below the table of vehicles.")};
-  if (!any) figure = {figure.title, "", "There is no pose truth to judge the live poses by."};
+  if (!any) figure = {figure.title, "", without_judgement(run, "the live poses").substr(1)};
   return figure;
 }
 

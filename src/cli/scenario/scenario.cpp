@@ -191,6 +191,16 @@ int dimension_in(const fs::path& file, const nlohmann::json& json) {
   return dimension;
 }
 
+nlohmann::json tolerance_to_json(const PoseTolerance& tolerance) {
+  return {{"position_m", tolerance.position_m}, {"heading_rad", tolerance.heading_rad}};
+}
+
+std::optional<PoseTolerance> pose_tolerance_in(const nlohmann::json& json) {
+  if (!json.contains("pose_tolerance")) return std::nullopt;
+  const nlohmann::json& tolerance = json.at("pose_tolerance");
+  return PoseTolerance{tolerance.at("position_m"), tolerance.at("heading_rad")};
+}
+
 template <class G>
 void Scenario<G>::write(const fs::path& run_folder) const {
   nlohmann::json json = {{"name", name},
@@ -200,6 +210,7 @@ void Scenario<G>::write(const fs::path& run_folder) const {
                          {"duration_s", duration_s},
                          {"common_frame_vehicle", common_frame_vehicle},
                          {"vehicles", nlohmann::json::array()}};
+  if (pose_tolerance) json["pose_tolerance"] = tolerance_to_json(*pose_tolerance);
   for (const VehicleLog<G>& vehicle : vehicles) {
     nlohmann::json entry = {{"id", vehicle.id},
                             {"has_truth", !vehicle.truth.empty()},
@@ -228,6 +239,7 @@ Scenario<G> Scenario<G>::read(const fs::path& run_folder) {
     scenario.seed = json.at("seed");
     scenario.duration_s = json.at("duration_s");
     scenario.common_frame_vehicle = json.at("common_frame_vehicle");
+    scenario.pose_tolerance = pose_tolerance_in(json);
     for (const auto& entry : json.at("vehicles")) scenario.vehicles.push_back(read_vehicle<G>(run_folder, entry));
     scenario.landmarks = read_landmarks<G>(run_folder / "truth" / "landmarks.csv");
     return scenario;

@@ -1,7 +1,9 @@
 // A scenario: what the sensors of a fleet deliver, and the truth they are judged by. A simulator (street.hpp) or a
-// recorded data set (mrclam.hpp) makes one; written to a run folder, it is all that the vehicle processes get to see.
+// recorded data set (mrclam.hpp, victoria_park.hpp) makes one; written to a run folder, it is all that the vehicle
+// processes get to see.
 //
-//   RUN/scenario.json            name, source, seed, dimension, duration, static priors, what was dropped on loading
+//   RUN/scenario.json            name, source, seed, dimension, duration, static priors, what was dropped on loading,
+//                                how coarse the truth is
 //   RUN/truth/landmarks.csv      id,x_m,y_m
 //   RUN/truth/vehicle_<id>.csv   t_s,x_m,y_m,theta_rad              (absent if there is no pose truth)
 //   RUN/vehicle_<id>/sensors.csv t_s,kind,a,b,c                     by time; kind and a, b, c:
@@ -123,18 +125,26 @@ struct VehicleLog {
   std::vector<SensorEvent> sensors;  ///< by time; odometry before sightings of the same time
   std::vector<TruthPose<G>> truth;   ///< by time; empty if unknown
   std::optional<StaticPrior<G>> prior;
-  std::uint64_t dropped_unknown_sightings = 0;  ///< sightings whose code belongs to nothing
+  std::uint64_t dropped_unknown_sightings = 0;  ///< sightings that belong to nothing known
+};
+
+/// How far two poses of the truth, of any two times and vehicles, may contradict each other, where the truth is itself
+/// a coarse measurement.
+struct PoseTolerance {
+  double position_m = 0.0;
+  double heading_rad = 0.0;
 };
 
 template <class G>
 struct Scenario {
-  std::string name;    ///< "street" or "mrclam"
+  std::string name;    ///< "street", "mrclam" or "victoria-park"
   std::string source;  ///< in words: parameters or folder
   std::uint64_t seed = 0;
-  std::vector<VehicleLog<G>> vehicles;  ///< by id
-  std::vector<TruthLandmark<G>> landmarks;
-  VehicleId common_frame_vehicle = 0;  ///< the common frame is the start frame of this vehicle
-  double duration_s = 0.0;             ///< time of the last sensor event
+  std::vector<VehicleLog<G>> vehicles;          ///< by id
+  std::vector<TruthLandmark<G>> landmarks;      ///< empty if unknown
+  std::optional<PoseTolerance> pose_tolerance;  ///< of the truth of poses; empty: exact beside what is judged by it
+  VehicleId common_frame_vehicle = 0;           ///< the common frame is the start frame of this vehicle
+  double duration_s = 0.0;                      ///< time of the last sensor event
 
   /// Writes the files listed above, each atomically. Throws ConfigError.
   void write(const std::filesystem::path& run_folder) const;
@@ -165,6 +175,10 @@ inline constexpr std::string_view sensors_header = G::Dim == 2 ? "t_s,kind,a,b,c
 /// The entry 'dimension' of scenario.json or run.json; what has none is planar. Throws ConfigError if it is neither 2
 /// nor 3.
 int dimension_in(const std::filesystem::path& file, const nlohmann::json& json);
+
+/// The entry 'pose_tolerance' of scenario.json, if it is there. Throws nlohmann::json::exception if it is malformed.
+std::optional<PoseTolerance> pose_tolerance_in(const nlohmann::json& json);
+nlohmann::json tolerance_to_json(const PoseTolerance& tolerance);
 
 /// RUN/vehicle_<id>, the folder of one vehicle.
 std::filesystem::path vehicle_folder(const std::filesystem::path& run_folder, VehicleId id);

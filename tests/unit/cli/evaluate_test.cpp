@@ -277,6 +277,66 @@ TEST(Evaluate, PairingsWithinAVehicleAreNotThoseBetweenVehicles) {
   EXPECT_EQ(a.at("between_vehicles_false"), 0);
 }
 
+/// straight_run() with coarse poses: vehicle 1 closes a batch of four landmarks after 20 s, vehicle 2 one after 30 s,
+/// of the very same landmarks, which it has moved by `misplaced` in its own batch.
+RunRecord<SE2> run_with_coarse_poses(const SE2& misplaced) {
+  RunRecord<SE2> run = straight_run();
+  run.pose_tolerance = PoseTolerance{6.0, 0.25};
+  run.vehicles[0].map = MapRecord<SE2>{};
+  MapRecord<SE2>& map = *run.vehicles[0].map;
+  std::vector<Pairing> pairings;
+  for (const VehicleId id : {1U, 2U}) {
+    MapAnchor<SE2> anchor;
+    anchor.key = Key{{id, 1}, 3};
+    anchor.stamp_s = 10.0 + 10.0 * id;
+    anchor.common = PoseEstimate<SE2>{SE2(-7.0, id, 0.3 * id)};  // wherever the map has it
+    map.anchors.push_back(anchor);
+    const SE2 T_body_world = truth_at(run.find(id)->truth, anchor.stamp_s)->inverse();
+    for (std::uint32_t i = 0; i < 4; ++i) {
+      const Eigen::Vector2d place(120.0 + 5.0 * (i % 2), 15.0 + 4.0 * (i / 2));
+      const Eigen::Vector2d seen = T_body_world * (id == 1 ? place : misplaced * place);
+      map.landmarks.push_back({Key{{id, 1}, i}, anchor.common->T * seen, -1, 3});
+    }
+  }
+  for (std::uint32_t i = 0; i < 4; ++i) pairings.push_back(pairing(1, i, 2, i));
+  map.associations.push_back({2, 30.0, true, pairings});
+  return run;
+}
+
+TEST(Evaluate, WithoutIdentitiesHypothesesAreJudgedByThePoses) {
+  const SE2 around(122.5, 17.0, 0.0);  // the middle of the landmarks
+  const std::pair<SE2, int> cases[] = {{SE2(), 0},
+                                       {SE2(4.0, 0.0, 0.0), 0},
+                                       {SE2(4.0, 5.0, 0.0), 1},
+                                       {around * SE2(0.0, 0.0, 0.2) * around.inverse(), 0},
+                                       {around * SE2(0.0, 0.0, -0.3) * around.inverse(), 1}};
+  for (const auto& [misplaced, wrong] : cases) {
+    const json a = evaluate(run_with_coarse_poses(misplaced)).metrics.at("associations");
+    EXPECT_EQ(a.at("judged_by"), "poses");
+    EXPECT_EQ(a.at("hypotheses_accepted"), 1);
+    EXPECT_EQ(a.at("hypotheses_false"), wrong) << misplaced.Log().transpose();
+    EXPECT_EQ(a.at("hypotheses_unjudged"), 0);
+    EXPECT_EQ(a.at("between_vehicles"), 4);
+    for (const char* unknown : {"true", "false", "within_a_vehicle_false", "between_vehicles_false"})
+      EXPECT_EQ(a.at(unknown), nullptr) << unknown;
+  }
+  RunRecord<SE2> gap = run_with_coarse_poses(SE2(100.0, 0.0, 0.0));
+  std::erase_if(gap.vehicles[1].truth, [](const auto& pose) { return std::abs(pose.t_s - 30.0) < 5.0; });
+  const json a = evaluate(gap).metrics.at("associations");
+  EXPECT_EQ(a.at("hypotheses_false"), 0);
+  EXPECT_EQ(a.at("hypotheses_unjudged"), 1);
+}
+
+TEST(Evaluate, OfCovariancesACoarseTruthSaysNothing) {
+  const json m = evaluate(run_with_coarse_poses(SE2())).metrics;
+  EXPECT_EQ(m.at("gauge"), "fit");
+  EXPECT_EQ(m.at("pose_tolerance").at("position_m"), 6.0);
+  EXPECT_NEAR(m.at("fleet_ate_m").get<double>(), 0.0, 1e-9);
+  for (const char* unknown : {"fleet_anees", "fleet_coverage95", "fleet_anees_start", "fleet_trajectory_anees"})
+    EXPECT_EQ(m.at(unknown), nullptr) << unknown;
+  EXPECT_EQ(m.at("vehicles")[0].at("truth_mount_heading_rad"), nullptr);
+}
+
 TEST(Evaluate, AMapIsSharedOnlyIfItIsEqualAndLinkedBetweenVehicles) {
   RunRecord<SE2> run = straight_run();
   for (VehicleRecord<SE2>& vehicle : run.vehicles) {

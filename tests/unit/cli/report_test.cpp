@@ -185,6 +185,18 @@ TEST(Report, HeadlineCountsPairingsWithinAVehicleApart) {
               HasSubstr("Of 12 landmark pairings between vehicles none is false, of 30 within a vehicle 1 is false"));
 }
 
+TEST(Report, ACoarseTruthIsNamedAndJudgesHypothesesAlone) {
+  Scenario<SE2> scenario = street();
+  scenario.pose_tolerance = PoseTolerance{6.0, 0.25};
+  const Page page = page_of(scenario);
+  EXPECT_THAT(headline(page.run, page.evaluation.metrics),
+              HasSubstr("accepted hypotheses none is false by the measured"));
+  EXPECT_THAT(page.text, HasSubstr("hypotheses accepted / false by the poses"));
+  EXPECT_THAT(page.text, HasSubstr("may contradict each other by 6.0 m and 0.25 rad"));
+  for (const int number : {10, 11})
+    EXPECT_THAT(caption(page, number), HasSubstr("too coarse to judge the ellipses by"));
+}
+
 TEST(Report, DriftCaptionsCountWhichEllipsesHoldTheTruth) {
   for (const bool on_the_street : {true, false}) {
     Page page = page_of(on_the_street ? street() : fleet_of_five());

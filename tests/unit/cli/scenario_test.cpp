@@ -54,6 +54,19 @@ TEST(Scenario, WithoutTruthHasNoTruthFile) {
   EXPECT_TRUE(Scenario<SE2>::read(folder.path()).vehicles[0].truth.empty());
 }
 
+TEST(Scenario, HowCoarseItsPosesAreSurvivesTheDisk) {
+  const TemporaryFolder folder;
+  Scenario<SE2> scenario = short_street();
+  scenario.write(folder.path());
+  EXPECT_FALSE(Scenario<SE2>::read(folder.path()).pose_tolerance);
+  scenario.pose_tolerance = PoseTolerance{6.0, 0.25};
+  scenario.write(folder.path());
+  const auto tolerance = Scenario<SE2>::read(folder.path()).pose_tolerance;
+  ASSERT_TRUE(tolerance);
+  EXPECT_EQ(tolerance->position_m, 6.0);
+  EXPECT_EQ(tolerance->heading_rad, 0.25);
+}
+
 TEST(Scenario, FixesSurviveTheDiskToTheBit) {
   const TemporaryFolder folder;
   const std::vector<SensorEvent> written{
