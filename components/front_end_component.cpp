@@ -181,6 +181,7 @@ void FrontEndComponent<G>::close(const Segment<G>& segment) {
     fact.covariance = symmetrised(typename G::PointCovariance(params_.landmark_inflation * frozen.covariance));
     fact.loading = std::sqrt(params_.landmark_inflation) * frozen.loading;
     fact.descriptor = frozen.descriptor;
+    fact.kind = frozen.kind;
     batch.push_back(fact);
   }
   const auto indices = manager_.publish_segment(closing, std::move(batch));

@@ -99,6 +99,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("association", "compatibility", a.constraints.compatibility);
   visit("association", "loop", a.constraints.loop);
   visit("association", "distance", a.constraints.distance);
+  visit("association", "heading", a.constraints.heading);
   visit("association", "min_distance_m", a.constraints.min_distance_m);
   visit("association", "method", a.method);
   visit("association", "max_nodes", a.max_nodes);
@@ -116,6 +117,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("association", "max_votes", a.alignment.max_votes);
   visit("association", "max_chance_places", a.max_chance_places);
   visit("association", "max_doubt", a.max_doubt);
+  visit("association", "min_similarity", a.min_similarity);
 
   SubmapManagerParams& s = v.submaps;
   visit("map", "backend", s.backend);

@@ -1,3 +1,4 @@
+#include <convoy/association/appearance.hpp>
 #include <convoy/association/associate.hpp>
 #include <convoy/association/strip_index.hpp>
 #include <convoy/config_error.hpp>
@@ -83,7 +84,11 @@ class Associator {
   // A largest set that goes together.
   AssociationResult<G> by_largest_set() {
     const DistanceTable table_a(a_), table_b(b_);
-    const DistanceCompatibility binary(table_a, table_b, params_.constraints);
+    const DistanceCompatibility distance(table_a, table_b, params_.constraints);
+    const HeadingCompatibility<G> heading(a_, b_, table_a, table_b, prior_, params_.constraints.heading);
+    const auto binary = [&](int i1, int j1, int i2, int j2) {
+      return distance(i1, j1, i2, j2) && heading(i1, j1, i2, j2);
+    };
     find_candidates();
     const CompatibilityGraph graph(candidates_, [&](const IndexPairing& p, const IndexPairing& q) {
       return binary(p.first, p.second, q.first, q.second);
@@ -98,7 +103,8 @@ class Associator {
     result_.expected_false_alarms = expected_false_alarms(graph);
     if (result_.expected_false_alarms > params_.max_false_alarms) return reject(Rejection::chance);
     find_runner_up(graph);
-    return has_rival_ ? ambiguous() : accepted();
+    if (repeats_) return ambiguous(Rejection::repeats);
+    return has_rival_ ? ambiguous(Rejection::runner_up) : accepted();
   }
 
   // The likeliest place. a and b are what lies near it.
@@ -106,8 +112,7 @@ class Associator {
     result_.nodes = found.votes;
     result_.chance_pairings = found.chance_pairings;
     result_.log_likelihood_ratio = found.candidates.front().log_likelihood_ratio;
-    // Markov's inequality: under chance, a ratio of x or more has a probability of at most 1 / x.
-    result_.expected_false_alarms = static_cast<double>(found.places) * std::exp(-result_.log_likelihood_ratio);
+    result_.expected_false_alarms = expected_by_chance(found, 0);
     candidates_ = best;
     result_.candidates = best.size();
     if (!settles(best)) return result_;
@@ -115,16 +120,23 @@ class Associator {
     if (found.candidates.size() > 1) {
       result_.runner_up = static_cast<int>(found.candidates[1].pairings.size());
       result_.runner_up_log_likelihood_ratio = found.candidates[1].log_likelihood_ratio;
+      if (expected_by_chance(found, 1) < params_.min_runner_up_false_alarms) return ambiguous(Rejection::repeats);
     }
     const double runner_up = result_.runner_up_log_likelihood_ratio / result_.log_likelihood_ratio;
     const double chance = found.chance_pairings / result_.support;
     if (runner_up + chance <= params_.max_doubt) return accepted();
-    return runner_up > chance ? ambiguous() : reject(Rejection::chance);
+    return runner_up > chance ? ambiguous(Rejection::runner_up) : reject(Rejection::chance);
   }
 
  private:
   const LandmarkFact<G>& in_a(int i) const { return a_.landmarks[static_cast<std::size_t>(i)]; }
   const LandmarkFact<G>& in_b(int j) const { return b_.landmarks[static_cast<std::size_t>(j)]; }
+
+  // Places as likely as that one. Markov's inequality: under chance, a ratio of x or more has a probability of at most
+  // 1 / x.
+  static double expected_by_chance(const AlignmentSearchResult<G>& found, std::size_t place) {
+    return static_cast<double>(found.places) * std::exp(-found.candidates[place].log_likelihood_ratio);
+  }
 
   AssociationResult<G> reject(Rejection reason) {
     result_.decision = Decision::none;
@@ -137,8 +149,8 @@ class Associator {
     return result_;
   }
 
-  AssociationResult<G> ambiguous() {
-    reject(Rejection::runner_up);
+  AssociationResult<G> ambiguous(Rejection reason) {
+    reject(reason);
     result_.decision = Decision::ambiguous;
     return result_;
   }
@@ -163,7 +175,7 @@ class Associator {
         if (unary(in_a(i), in_b(j)) && alike(i, j)) candidates_.emplace_back(i, j);
   }
 
-  SearchResult search(const CompatibilityGraph& graph, const DistanceCompatibility& binary) const {
+  SearchResult search(const CompatibilityGraph& graph, const std::function<bool(int, int, int, int)>& binary) const {
     if (params_.method != SearchMethod::fig5) return gcbb(graph, params_.max_nodes);
     const IndividualCompatibility<G> unary(prior_, compatibility_);
     SearchResult found = gcbb_literal(
@@ -300,9 +312,9 @@ class Associator {
         static_cast<int>(second.pairings.size()) >= params_.min_pairings && other.settle(second.pairings);
     if (second.cut_off || !aligned || !other.fits_prior()) return;
     result_.runner_up = other.result_.support;
-    has_rival_ = result_.runner_up > params_.max_runner_up_share * result_.support ||
-                 other.expected_false_alarms(graph) < params_.min_runner_up_false_alarms;
-    if (has_rival_) result_.runner_up_pairings = std::move(other.result_.pairings);
+    has_rival_ = result_.runner_up > params_.max_runner_up_share * result_.support;
+    repeats_ = other.expected_false_alarms(graph) < params_.min_runner_up_false_alarms;
+    if (has_rival_ || repeats_) result_.runner_up_pairings = std::move(other.result_.pairings);
   }
 
   const Batch<G>& a_;
@@ -314,7 +326,7 @@ class Associator {
   double gate_chi2_, doubt_chi2_;
   std::vector<IndexPairing> candidates_;  // that may be paired
   std::vector<IndexPairing> settled_;
-  bool has_rival_ = false;
+  bool has_rival_ = false, repeats_ = false;
   AssociationResult<G> result_;
 };
 
@@ -379,12 +391,38 @@ AssociationResult<G> by_alignment(const Batch<G>& a, const Batch<G>& b, const st
   return result;
 }
 
+template <class G>
+bool is_fit(const Batch<G>& batch) {
+  return std::all_of(batch.landmarks.begin(), batch.landmarks.end(), [](const LandmarkFact<G>& l) {
+    return l.position.allFinite() && l.loading.allFinite() && is_covariance(l.covariance);
+  });
+}
+
+template <class G>
+bool is_fit(const std::optional<RelativePrior<G>>& prior) {
+  return !prior || (prior->mean.rotation().allFinite() && prior->mean.translation().allFinite() &&
+                    is_covariance(prior->covariance));
+}
+
+template <class G>
+AssociationResult<G> refused(Rejection reason) {
+  AssociationResult<G> result;
+  result.rejection = reason;
+  return result;
+}
+
+template <class G>
+LooksAlike<G> both(const LooksAlike<G>& first, const LooksAlike<G>& second) {
+  if (!first || !second) return first ? first : second;
+  return [first, second](const LandmarkFact<G>& i, const LandmarkFact<G>& j) { return first(i, j) && second(i, j); };
+}
+
 }  // namespace
 
 void validate(const AssociationParams& p) {
   const auto share = [](double x) { return x > 0.0 && x < 1.0; };
   if (!share(p.constraints.compatibility) || !share(p.constraints.loop) || !share(p.constraints.distance) ||
-      !share(p.residual) || !share(p.pairing) || !share(p.separation))
+      !share(p.constraints.heading) || !share(p.residual) || !share(p.pairing) || !share(p.separation))
     throw ConfigError("association: confidences must lie in (0, 1)");
   if (!(p.constraints.min_distance_m >= 0.0)) throw ConfigError("association: min_distance_m must be >= 0");
   if (p.min_pairings < 3) throw ConfigError("association: min_pairings must be >= 3; two pairs align with anything");
@@ -393,6 +431,8 @@ void validate(const AssociationParams& p) {
     throw ConfigError("association: max_runner_up_share must lie in (0, 1]");
   if (!(p.min_runner_up_false_alarms >= p.max_false_alarms))
     throw ConfigError("association: min_runner_up_false_alarms must be >= max_false_alarms");
+  if (!(p.min_similarity >= -1.0 && p.min_similarity <= 1.0))
+    throw ConfigError("association: min_similarity must lie in [-1, 1]");
   if (p.max_nodes == 0) throw ConfigError("association: max_nodes must be > 0");
   if (!(p.max_chance_places > 0.0)) throw ConfigError("association: max_chance_places must be > 0");
   if (!(p.max_doubt > 0.0 && p.max_doubt <= 1.0)) throw ConfigError("association: max_doubt must lie in (0, 1]");
@@ -427,6 +467,8 @@ const char* to_string(Rejection rejection) {
     case Rejection::prior: return "prior";
     case Rejection::chance: return "chance";
     case Rejection::runner_up: return "runner_up";
+    case Rejection::repeats: return "repeats";
+    case Rejection::unfit: return "unfit";
   }
   return "unknown";
 }
@@ -442,14 +484,11 @@ template <class G>
 AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
                                const AssociationParams& params, const LooksAlike<G>& looks_alike) {
   const auto enough = static_cast<std::size_t>(params.min_pairings);
-  if (a.landmarks.size() < enough || b.landmarks.size() < enough) {
-    AssociationResult<G> result;
-    result.rejection = Rejection::too_few_candidates;
-    return result;
-  }
-  if (params.method == SearchMethod::alignment && has_level(prior))
-    return by_alignment(a, b, prior, params, looks_alike);
-  return Associator<G>(a, b, prior, params, looks_alike).by_largest_set();
+  if (a.landmarks.size() < enough || b.landmarks.size() < enough) return refused<G>(Rejection::too_few_candidates);
+  if (!is_fit(a) || !is_fit(b) || !is_fit(prior)) return refused<G>(Rejection::unfit);
+  const LooksAlike<G> alike = both<G>(alike_by_appearance(a, b, params.min_similarity), looks_alike);
+  if (params.method == SearchMethod::alignment && has_level(prior)) return by_alignment(a, b, prior, params, alike);
+  return Associator<G>(a, b, prior, params, alike).by_largest_set();
 }
 
 #define CONVOY_INSTANTIATE(G)                                                                                       \

@@ -30,15 +30,16 @@ struct AssociationParams {
   double pairing = 0.9;               ///< chi-square confidence within which two landmarks agree with an alignment
   double separation = 0.999;          ///< a pairing is left out unless exchanging its partner is this much worse
   double max_false_alarms = 1e-5;     ///< expected number of alignments as good by chance, at the local density
-  // A second, incompatible alignment makes the first one ambiguous if ...
-  double max_runner_up_share = 0.7;  ///< ... it has more than this share of the first one's support, or
+  // A second, incompatible place makes the first one ambiguous if ...
+  double max_runner_up_share = 0.7;  ///< ... it has more than this share of the first one's support (largest sets), or
   double min_runner_up_false_alarms =
       1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
-  // The same for alignments, by their likelihood ratios:
+  // By their likelihood ratios, of the likeliest places:
   double max_chance_places = 0.1;  ///< at most so many places as likely are to be expected by chance
   /// The share of its log ratio that the best place elsewhere has, and the share of its pairings that places beside it
   /// have on average, may come to so much together.
-  double max_doubt = 0.72;
+  double max_doubt = 0.75;
+  double min_similarity = 0.3;  ///< of patches that may be of one thing (appearance.hpp), [-1, 1]; -1: not compared
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -57,8 +58,10 @@ enum class Rejection : std::uint8_t {
   prior,               ///< they align, but not where the static bias and the drift allow
   chance,              ///< such a set is to be expected by chance
   runner_up,           ///< another place fits nearly as well
+  repeats,             ///< another place fits, and not by chance: the world repeats itself
+  unfit,               ///< a landmark or the prior is not finite, or its covariance is none
 };
-inline constexpr int rejection_count = 8;
+inline constexpr int rejection_count = 10;
 const char* to_string(Rejection rejection);
 
 template <class G>
@@ -84,7 +87,8 @@ struct AssociationResult {
 };
 
 /// Batches a and b of one or two chains, anchor keys a < b (so that everybody computes the same). Deterministic: a
-/// function of the facts alone. b are the new landmarks, a is the map.
+/// function of the facts alone. b are the new landmarks, a is the map. What the landmarks say of themselves
+/// (appearance.hpp) must fit, and `looks_alike`, if there is one, must hold.
 template <class G>
 AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
                                const AssociationParams& params, const LooksAlike<G>& looks_alike = {});

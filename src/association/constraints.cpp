@@ -113,7 +113,7 @@ bool IndividualCompatibility<G>::operator()(const LandmarkFact<G>& i, const Land
 
 template <class G>
 DistanceTable::DistanceTable(const Batch<G>& batch)
-    : n_(batch.landmarks.size()), distance_(n_ * n_, 0.0), variance_(n_ * n_, 0.0) {
+    : n_(batch.landmarks.size()), distance_(n_ * n_, 0.0), variance_(n_ * n_, 0.0), turn_variance_(n_ * n_, 0.0) {
   for (std::size_t i = 0; i < n_; ++i)
     for (std::size_t j = 0; j < n_; ++j) {
       const typename G::Point d = batch.landmarks[i].position - batch.landmarks[j].position;
@@ -124,6 +124,7 @@ DistanceTable::DistanceTable(const Batch<G>& batch)
           batch.landmarks[i].own_covariance() + batch.landmarks[j].own_covariance() + L * L.transpose();
       distance_[i * n_ + j] = length;
       variance_[i * n_ + j] = d.dot(S * d) / (length * length);
+      turn_variance_[i * n_ + j] = std::max(0.0, S.trace() - variance_[i * n_ + j]) / (length * length);
     }
 }
 
@@ -139,12 +140,38 @@ bool DistanceCompatibility::operator()(int i1, int j1, int i2, int j2) const {
   return difference * difference < threshold_ * (a_.variance(i1, i2) + b_.variance(j1, j2));
 }
 
+template <class G>
+HeadingCompatibility<G>::HeadingCompatibility(const Batch<G>& a, const Batch<G>& b, const DistanceTable& table_a,
+                                              const DistanceTable& table_b,
+                                              const std::optional<RelativePrior<G>>& prior, double confidence)
+    : a_(a), table_a_(table_a), table_b_(table_b) {
+  if (!prior) return;
+  constexpr int Rot = G::Dof - G::Dim;
+  turn_variance_ = eigenvalues(prior->covariance.template bottomRightCorner<Rot, Rot>().eval()).maxCoeff();
+  threshold_ = chi2_quantile(confidence, Rot);
+  const auto R = prior->mean.rotation();
+  for (const auto& l : b.landmarks) b_.push_back(R * l.position);
+}
+
+template <class G>
+bool HeadingCompatibility<G>::operator()(int i1, int j1, int i2, int j2) const {
+  if (b_.empty()) return true;
+  const auto in_a = [&](int i) { return a_.landmarks[static_cast<std::size_t>(i)].position; };
+  const typename G::Point to_a = in_a(i2) - in_a(i1);
+  const typename G::Point to_b = b_[static_cast<std::size_t>(j2)] - b_[static_cast<std::size_t>(j1)];
+  const double cosine = to_a.dot(to_b) / std::sqrt(to_a.squaredNorm() * to_b.squaredNorm());
+  const double turn = std::acos(std::clamp(cosine, -1.0, 1.0));
+  const double variance = turn_variance_ + table_a_.turn_variance(i1, i2) + table_b_.turn_variance(j1, j2);
+  return turn * turn < threshold_ * variance;
+}
+
 #define CONVOY_INSTANTIATE(G)                                                                          \
   template std::optional<RelativePrior<G>> relative_prior(const FactStore<G>&, const Key&, const Key&, \
                                                           const DriftSlack&);                          \
   template bool complete(const FactStore<G>&, const Key&);                                             \
   template Batch<G> batch_of(const FactStore<G>&, const Key&);                                         \
   template class IndividualCompatibility<G>;                                                           \
+  template class HeadingCompatibility<G>;                                                              \
   template DistanceTable::DistanceTable(const Batch<G>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

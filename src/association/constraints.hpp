@@ -18,6 +18,7 @@ struct ConstraintParams {
   double compatibility = 0.9999;  ///< chi-square confidence of eq. 5 between vehicles (the paper: 0.95). A start beyond
                                   ///< it is never found, and what looks the same within it would be taken instead
   double loop = 0.99;             ///< the same within a chain, where drift leaves little room for that
+  double heading = 0.9999;        ///< confidence within which a pair of pairings is turned as the prior says
   double distance = 0.99;         ///< confidence that two distances are the same, 1 dof, from both covariances
   double min_distance_m = 0.3;    ///< pairs closer than this say nothing about geometry and are not compared
 };
@@ -33,7 +34,7 @@ struct Batch {
   double drift_m2_per_m = 0.0;
 };
 
-/// A constraint of one's own on single pairings, such as what two landmarks look like; empty: anything goes.
+/// A constraint on single pairings that has nothing to do with where they are; empty: anything goes.
 template <class G>
 using LooksAlike = std::function<bool(const LandmarkFact<G>& i, const LandmarkFact<G>& j)>;
 
@@ -86,11 +87,13 @@ class DistanceTable {
   explicit DistanceTable(const Batch<G>& batch);
   double distance(int i, int j) const { return distance_[at(i, j)]; }
   double variance(int i, int j) const { return variance_[at(i, j)]; }
+  /// Of the direction from one to the other [rad^2].
+  double turn_variance(int i, int j) const { return turn_variance_[at(i, j)]; }
 
  private:
   std::size_t at(int i, int j) const { return static_cast<std::size_t>(i) * n_ + static_cast<std::size_t>(j); }
   std::size_t n_;
-  std::vector<double> distance_, variance_;
+  std::vector<double> distance_, variance_, turn_variance_;
 };
 
 /// Binary constraint: the distance of i1, i2 in batch a equals that of j1, j2 in batch b.
@@ -104,6 +107,24 @@ class DistanceCompatibility {
   const DistanceTable& b_;
   double threshold_;
   double min_distance_m_;
+};
+
+/// Binary constraint: from i1 to i2 in batch a it is the same way as from j1 to j2 in batch b, turned by the prior.
+/// Distances alone fit a mirror image. No prior: everything is compatible.
+template <class G>
+class HeadingCompatibility {
+ public:
+  HeadingCompatibility(const Batch<G>& a, const Batch<G>& b, const DistanceTable& table_a, const DistanceTable& table_b,
+                       const std::optional<RelativePrior<G>>& prior, double confidence);
+  bool operator()(int i1, int j1, int i2, int j2) const;
+
+ private:
+  const Batch<G>& a_;
+  const DistanceTable& table_a_;
+  const DistanceTable& table_b_;
+  std::vector<typename G::Point> b_;  // turned
+  double turn_variance_ = 0.0;        // of the prior, about the axis that is known worst
+  double threshold_ = 0.0;
 };
 
 }  // namespace convoy

@@ -37,7 +37,8 @@ AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Ke
                                const AssociationParams& params);
 
 /// The reach to search with next, once those batches are complete; empty if nothing is to be won by it: it is accepted,
-/// or too few of the landmarks of the two can be the same.
+/// too few of the landmarks of the two can be the same, or the world repeats itself there, which is to be stated at
+/// once.
 template <class G>
 std::optional<Reach> next_reach(const AssociationResult<G>& result, const Key& a, const Key& b, Reach reach);
 

@@ -185,6 +185,7 @@ std::string facts_lines(const FactStore<G>& store) {
     for (const auto& [i, f] : chain.landmarks)
       line("landmark", f.key,
            {{"anchor", f.anchor},
+            {"landmark_kind", f.kind},
             {"position", list_of(f.position)},
             {"covariance", upper_of(f.covariance)},
             {"loading", std::vector<double>(f.loading.data(), f.loading.data() + f.loading.size())}});

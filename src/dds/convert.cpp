@@ -170,6 +170,7 @@ bool blank(const Descriptor& descriptor) {
 template <class G>
 WireStatus to_wire_point(const LandmarkFact<G>& fact, v1::LandmarkPoint& point) {
   point.index(fact.key.index);
+  point.kind(fact.kind);
   point.descriptor_kind(static_cast<v1::DescriptorKind>(fact.descriptor.kind));
   if (!blank(fact.descriptor)) point.descriptor().assign(fact.descriptor.bytes.begin(), fact.descriptor.bytes.end());
   point.position().assign(fact.position.data(), fact.position.data() + fact.position.size());
@@ -197,6 +198,7 @@ WireStatus from_wire_loading(const std::vector<double>& in, typename G::Loading&
 template <class G>
 WireStatus from_wire_point(const v1::LandmarkPoint& point, LandmarkFact<G>& fact) {
   fact.key.index = point.index();
+  fact.kind = point.kind();
   return first_refusal(from_wire_vector(point.position(), fact.position), unpack(point.covariance(), fact.covariance),
                        from_wire_loading<G>(point.loading(), fact.loading),
                        from_wire_descriptor(point, fact.descriptor));
@@ -207,7 +209,7 @@ template <class G>
 std::size_t point_bytes(const LandmarkFact<G>& fact) {
   constexpr std::size_t packed = static_cast<std::size_t>(G::Dim * (G::Dim + 1) / 2);
   const std::size_t loading = fact.loading.isZero(0.0) ? 0 : static_cast<std::size_t>(fact.loading.size());
-  return 8 + 4 + (blank(fact.descriptor) ? 0 : bounds::descriptor) + 3 * (4 + 4) +
+  return 12 + 4 + (blank(fact.descriptor) ? 0 : bounds::descriptor) + 3 * (4 + 4) +
          8 * (static_cast<std::size_t>(G::Dim) + packed + loading);
 }
 

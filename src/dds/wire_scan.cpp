@@ -102,7 +102,9 @@ void scan(WireScan& wire, const v1::Landmark*) {
   wire.skip(4);
   wire.skip(1);
   for (std::uint32_t n = wire.length(bounds::landmarks); n > 0 && wire.ok(); --n) {
-    wire.skip(4, 2);
+    wire.skip(4);
+    wire.skip(1);
+    wire.skip(4);
     wire.sequence(1, bounds::descriptor);
     wire.sequence(8, bounds::point);
     wire.sequence(8, bounds::point_covariance);

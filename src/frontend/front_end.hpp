@@ -35,6 +35,7 @@ struct FrozenLandmark {
   Descriptor descriptor;
   std::uint64_t track =
       0;  ///< the front end's own name for what it followed; never leaves the vehicle; see remembered()
+  std::uint8_t kind = 0;  ///< what sort of thing it is, see LandmarkFact
 };
 
 /// Splits the joint covariance of a batch (Dim n x Dim n, positive semidefinite) into the loadings of each landmark:

@@ -54,6 +54,7 @@ Hash hash_of(const LandmarkFact<G>& f) {
       .add(f.position)
       .add(f.covariance)
       .add(f.loading)
+      .add(f.kind, 1)
       .add(static_cast<std::uint64_t>(f.descriptor.kind), 1);
   for (const std::uint8_t byte : f.descriptor.bytes) h.add(byte, 1);
   return h.value();

@@ -51,7 +51,12 @@ using Hash = std::uint64_t;
 
 /// What a landmark looks like. Never compared across kinds.
 struct Descriptor {
-  enum class Kind : std::uint8_t { none = 0, patch_8x8_4bit = 1 };
+  enum class Kind : std::uint8_t {
+    none = 0,
+    /// 64 grey values of 4 bits, row by row, two to a byte, the first in the low half: an upright piece of a blurred
+    /// image with a footprint of fixed size in metres, so that the distance it was seen from does not matter.
+    patch_8x8_4bit = 1,
+  };
   Kind kind = Kind::none;
   std::array<std::uint8_t, 32> bytes{};
   bool operator==(const Descriptor&) const = default;
@@ -109,6 +114,8 @@ struct LandmarkFact {
   /// Cov(l_i, l_j | anchor) = loading_i loading_j^T, and covariance - loading loading^T is what is a landmark's own.
   typename G::Loading loading = G::Loading::Zero();
   Descriptor descriptor;
+  /// What sort of thing it is, by numbers that the fleet has agreed on; 0: not said. Things of two kinds are not the same.
+  std::uint8_t kind = 0;
   Key anchor_key() const { return {key.chain, anchor}; }
   typename G::PointCovariance own_covariance() const { return covariance - loading * loading.transpose(); }
 };

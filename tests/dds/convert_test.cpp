@@ -34,6 +34,7 @@ LandmarkFact<SE2> any_landmark(std::uint32_t index, bool described) {
   LandmarkFact<SE2> fact{{author, index}, 4, {any(), any()}, any_covariance<2>(), SE2::Loading::Zero(), {}};
   if (described) {
     fact.loading = SE2::Loading::NullaryExpr([] { return any(); });
+    fact.kind = 7;
     fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
     for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
   }

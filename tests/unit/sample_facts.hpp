@@ -43,6 +43,7 @@ inline Landmark landmark(VehicleId vehicle, std::uint32_t index) {
   fact.position = {3.0 + index % 4, -2.0 - 0.5 * vehicle};
   fact.covariance << 0.04, 0.01, 0.01, 0.09;
   fact.loading.col(0) << 0.1, 0.05;
+  fact.kind = 3;
   fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
   fact.descriptor.bytes[index % 32] = static_cast<std::uint8_t>(vehicle);
   return fact;

@@ -134,7 +134,7 @@ TEST_P(Associate, ARepeatedPatternIsAmbiguousUntilThePriorTellsWhich) {
     const auto [a, b] = repeated_pattern(seed, T_w_b);
     const auto result = associate(a, b, Prior{}, params());
     EXPECT_EQ(result.decision, Decision::ambiguous) << seed;
-    EXPECT_EQ(result.rejection, Rejection::runner_up);
+    EXPECT_EQ(result.rejection, Rejection::repeats);
     EXPECT_GE(result.runner_up, 6);
     RelativePrior<SE2> near{SE2(15.0, 0.0, 0.3).inverse() * T_w_b, SE2::Covariance::Zero()};
     near.covariance.diagonal() << 4.0, 4.0, 0.01;

@@ -207,5 +207,55 @@ TEST(DistanceCompatibility, RefusesTheSameLandmarkTwiceOtherDistancesAndWhatIsTo
   EXPECT_NEAR(table_b.distance(0, 3), 20.0, 1e-9);
 }
 
+template <class G>
+class HeadingIn : public testing::Test {};
+using Groups = testing::Types<SE2, SE3>;
+TYPED_TEST_SUITE(HeadingIn, Groups);
+
+// Two views of the same points, the second turned by an error that the prior knows of.
+TYPED_TEST(HeadingIn, KeepsWhatIsTurnedAsThePriorSaysAndRefusesAMirrorImage) {
+  using G = TypeParam;
+  constexpr int Rot = G::Dof - G::Dim;
+  int kept = 0, mirrored_kept = 0, all = 0;
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    test::Random random(seed);
+    const auto points = test::scattered<G>(random, 12, 15.0);
+    typename G::Tangent sigma = G::Tangent::Constant(3.0);
+    sigma.template tail<Rot>().setConstant(0.15);
+    const G T_a_b = random.pose_of<G>(5.0);
+    RelativePrior<G> prior{T_a_b * G::Exp(sigma.cwiseProduct(random.unit_normal<G::Dof>())),
+                           sigma.cwiseAbs2().asDiagonal()};
+    const Batch<G> a = test::frozen_batch(random, {{1, 1}, 1}, G(), points, {0.2, 0.1});
+    const Batch<G> b = test::frozen_batch(random, {{2, 1}, 1}, T_a_b, points, {0.2, 0.1});
+    Batch<G> mirrored = b;  // about where the prior looks
+    for (auto& l : mirrored.landmarks) {
+      typename G::Point p = prior.mean.rotation() * l.position;
+      p.y() = -p.y();
+      l.position = prior.mean.rotation().transpose() * p;
+    }
+    const DistanceTable table_a(a), table_b(b), table_mirrored(mirrored);
+    const HeadingCompatibility<G> fits(a, b, table_a, table_b, prior, 0.9999);
+    const HeadingCompatibility<G> mirror_fits(a, mirrored, table_a, table_mirrored, prior, 0.9999);
+    for (int i = 0; i < 12; ++i)
+      for (int j = i + 1; j < 12; ++j, ++all) {
+        kept += fits(i, i, j, j) ? 1 : 0;
+        mirrored_kept += mirror_fits(i, i, j, j) ? 1 : 0;
+      }
+  }
+  EXPECT_GE(kept, all * 995 / 1000);
+  EXPECT_LE(mirrored_kept, all / 2);
+}
+
+TEST(Heading, WithoutAPriorMayBeAny) {
+  test::Random random(1);
+  const auto points = test::scattered(random, 5, 15.0);
+  const Batch<SE2> a = test::frozen_batch(random, {{1, 1}, 1}, SE2(), points, {0.2, 0.1});
+  const Batch<SE2> b = test::frozen_batch(random, {{2, 1}, 1}, SE2(0.0, 0.0, 3.0), points, {0.2, 0.1});
+  const DistanceTable table_a(a), table_b(b);
+  const HeadingCompatibility<SE2> fits(a, b, table_a, table_b, {}, 0.9999);
+  EXPECT_TRUE(fits(0, 0, 1, 1));
+  EXPECT_TRUE(fits(0, 1, 1, 0));
+}
+
 }  // namespace
 }  // namespace convoy

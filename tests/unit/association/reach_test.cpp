@@ -115,7 +115,7 @@ TEST(Reach, GoesOnWhereMoreMayHelpAndEndsWhereItMayNot) {
     return next_reach(result, a, b, reach);
   };
   EXPECT_EQ(next(Rejection::not_rejected, Decision::accepted, Reach::alone), std::nullopt);
-  for (const Rejection final : {Rejection::too_few_candidates, Rejection::too_few_pairings, Rejection::prior})
+  for (const Rejection final : {Rejection::too_few_candidates, Rejection::too_few_pairings, Rejection::prior, Rejection::repeats})
     for (const Reach reach : reaches) EXPECT_EQ(next(final, Decision::none, reach), std::nullopt) << to_string(final);
   for (const Rejection weak : {Rejection::chance, Rejection::runner_up, Rejection::geometry}) {
     const Decision decision = weak == Rejection::runner_up ? Decision::ambiguous : Decision::none;

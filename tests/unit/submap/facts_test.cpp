@@ -105,7 +105,7 @@ TEST(FactHash, CountsEveryFieldOfALandmark) {
       [](F& f) { f.covariance(1, 0) += 1e-9; }, [](F& f) { f.covariance(1, 1) += 1e-9; },
       [](F& f) { f.loading(0, 0) += 1e-9; }, [](F& f) { f.loading(1, SE2::Shared - 1) += 1e-9; },
       [](F& f) { f.descriptor.kind = Descriptor::Kind::none; }, [](F& f) { f.descriptor.bytes[0] ^= 1; },
-      [](F& f) { f.descriptor.bytes[31] ^= 1; });
+      [](F& f) { f.descriptor.bytes[31] ^= 1; }, [](F& f) { f.kind += 1; });
 }
 
 TEST(FactHash, CountsEveryFieldOfTheOthers) {
