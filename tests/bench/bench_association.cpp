@@ -11,6 +11,7 @@
 #include <random>
 
 #include "association_problems.hpp"
+#include "quantile.hpp"
 #include "ratio.hpp"
 
 namespace {
@@ -117,12 +118,6 @@ bool skipped(benchmark::State& state) {
   return true;
 }
 
-double quantile(std::vector<double> values, double p) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1, static_cast<std::size_t>(p * static_cast<double>(values.size())))];
-}
-
 struct Tally {
   int overlapping = 0, not_right = 0, accepted_right = 0, accepted_wrong = 0, false_accepts = 0;
   std::vector<double> ms, distances_m;
@@ -170,10 +165,10 @@ void report(benchmark::State& state, const Tally& t) {
   state.counters["accepted_right"] = t.accepted_right;
   state.counters["accepted_wrong"] = t.accepted_wrong;
   state.counters["false_accepts"] = t.false_accepts;
-  state.counters["p50_ms"] = quantile(t.ms, 0.5);
-  state.counters["p90_ms"] = quantile(t.ms, 0.9);
-  state.counters["max_ms"] = quantile(t.ms, 1.0);
-  state.counters["median_m"] = quantile(t.distances_m, 0.5);
+  state.counters["p50_ms"] = convoy::bench::quantile(t.ms, 0.5);
+  state.counters["p90_ms"] = convoy::bench::quantile(t.ms, 0.9);
+  state.counters["max_ms"] = convoy::bench::quantile(t.ms, 1.0);
+  state.counters["median_m"] = convoy::bench::quantile(t.distances_m, 0.5);
 }
 
 void BM_recorded(benchmark::State& state) {
