@@ -214,11 +214,11 @@ class StreetProblem {
       mapped_things_ = style.things(here, streets_);
       driven_things_ = in_common() ? mapped_things_ : style.things(elsewhere, streets_);
       length_m *= 1.15;
-    } while (mapped_things_.size() < at(1.15 * params_.mapped) + at(params_.fresh) ||
-             along(0.0, length_m).size() < at(params_.fresh) || streets_[0].length_m() < 1.05 * way_m_);
+    } while (mapped_things_.size() < whole(1.15 * params_.mapped) + whole(params_.fresh) ||
+             along(0.0, length_m).size() < whole(params_.fresh) || streets_[0].length_m() < 1.05 * way_m_);
   }
 
-  static std::size_t at(double count) { return static_cast<std::size_t>(count); }
+  static std::size_t whole(double count) { return static_cast<std::size_t>(count); }
 
   // Of the street that is driven.
   Things along(double from_m, double to_m) const {
@@ -249,7 +249,7 @@ class StreetProblem {
   void choose_way() {
     for (;; way_m_ *= 1.15) {
       start_m_ = random_.uniform(0.0, std::max(0.0, streets_[0].length_m() - way_m_));
-      if (along(start_m_, start_m_ + way_m_).size() >= at(params_.fresh)) return;
+      if (along(start_m_, start_m_ + way_m_).size() >= whole(params_.fresh)) return;
     }
   }
 
@@ -261,9 +261,9 @@ class StreetProblem {
       const double from_m = start_m_ + random_.integer(0, 1) * (1.0 - share) * way_m_;
       shareable = along(from_m, from_m + share * way_m_);
     }
-    const Things common = drawn(shareable, at(std::round(params_.overlap * params_.fresh)));
-    fresh_ = both(common, drawn(without(within, common), at(params_.fresh) - common.size()));
-    mapped_ = both(common, drawn(unshared_map(), at(params_.mapped) - common.size()));
+    const Things common = drawn(shareable, whole(std::round(params_.overlap * params_.fresh)));
+    fresh_ = both(common, drawn(without(within, common), whole(params_.fresh) - common.size()));
+    mapped_ = both(common, drawn(unshared_map(), whole(params_.mapped) - common.size()));
     fresh_ = drawn(fresh_, fresh_.size());
     mapped_ = drawn(mapped_, mapped_.size());
   }
@@ -280,7 +280,7 @@ class StreetProblem {
     Things things;
     for (const auto& [away_m, k] : by_distance) things.push_back(k);
     if (in_common()) things = without(std::move(things), fresh_);  // those in common, too
-    if (things.size() > at(1.3 * params_.mapped)) things.resize(at(params_.mapped));
+    if (things.size() > whole(1.3 * params_.mapped)) things.resize(whole(params_.mapped));
     return things;
   }
 
