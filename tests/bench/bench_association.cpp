@@ -1,5 +1,6 @@
 // The search of the association against the paper's Fig. 5 as written, and the whole of the association.
-// Recorded problems: what each way to search finds, how long it takes, and what it accepts where nothing is in common.
+// Recorded problems: what each way to search finds, how long it takes, and what it accepts where nothing is in common;
+// problems made like them: the same of several batches joined.
 // Fig. 5 is quick where few pairs agree by chance; the graph asks for every pair of pairs once, whatever they are.
 // Planted problems: m new landmarks, half of them among the 2 m of the map, seen with 0.05 m of noise, no prior.
 #include <convoy/association/associate.hpp>
@@ -11,7 +12,9 @@
 #include <random>
 
 #include "association_problems.hpp"
+#include "quantile.hpp"
 #include "ratio.hpp"
+#include "street_problems.hpp"
 
 namespace {
 
@@ -117,48 +120,43 @@ bool skipped(benchmark::State& state) {
   return true;
 }
 
-double quantile(std::vector<double> values, double p) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  return values[std::min(values.size() - 1, static_cast<std::size_t>(p * static_cast<double>(values.size())))];
-}
-
 struct Tally {
-  int overlapping = 0, not_right = 0, accepted_right = 0, accepted_wrong = 0, false_accepts = 0;
+  int overlapping = 0, not_right = 0, placed = 0, accepted_right = 0, accepted_wrong = 0, false_accepts = 0;
   std::vector<double> ms, distances_m;
 };
 
 template <class Solve>
-void tally_one(const convoy::bench::RecordedProblem& recorded, const Solve& solve, Tally& t) {
+void tally_one(const convoy::bench::KnownProblem& known, const Solve& solve, Tally& t) {
   std::visit(
       [&](const auto& problem) {
         const double start_s = convoy::bench::cpu_s();
         const auto result = solve(problem);
         t.ms.push_back(1e3 * (convoy::bench::cpu_s() - start_s));
         const bool accepted = result.decision == Decision::accepted;
-        if (recorded.kind != "match") {
+        if (known.kind != "match") {
           t.false_accepts += accepted;
           return;
         }
-        const auto score = convoy::bench::score(recorded, problem, result.pairings);
+        const auto score = convoy::bench::score(known, problem, result.pairings);
         ++t.overlapping;
         t.not_right += !score.right;
+        t.placed += score.placed;
         t.accepted_right += accepted && score.right;
         t.accepted_wrong += accepted && !score.right;
         if (score.right) t.distances_m.push_back(score.distance_m);
       },
-      recorded.problem);
+      known.problem);
 }
 
 template <class Solve>
-Tally tallied(const Solve& solve) {
+Tally tallied(const std::vector<convoy::bench::KnownProblem>& problems, const Solve& solve) {
   Tally tally;
-  for (const auto& recorded : convoy::bench::recorded_problems()) tally_one(recorded, solve, tally);
+  for (const auto& known : problems) tally_one(known, solve, tally);
   return tally;
 }
 
-Tally by_method(SearchMethod method, bool signatures) {
-  return tallied([&]<class G>(const AssociationProblem<G>& p) {
+Tally by_method(const std::vector<convoy::bench::KnownProblem>& problems, SearchMethod method, bool signatures) {
+  return tallied(problems, [&]<class G>(const AssociationProblem<G>& p) {
     return associate(p.map, p.fresh, p.prior, params_of(method, p.confidence),
                      signatures ? p.looks_alike : LooksAlike<G>());
   });
@@ -166,21 +164,23 @@ Tally by_method(SearchMethod method, bool signatures) {
 
 void report(benchmark::State& state, const Tally& t) {
   state.counters["overlapping"] = t.overlapping;
+  state.counters["right"] = t.overlapping - t.not_right;
   state.counters["not_right"] = t.not_right;
+  state.counters["placed"] = t.placed;
   state.counters["accepted_right"] = t.accepted_right;
   state.counters["accepted_wrong"] = t.accepted_wrong;
   state.counters["false_accepts"] = t.false_accepts;
-  state.counters["p50_ms"] = quantile(t.ms, 0.5);
-  state.counters["p90_ms"] = quantile(t.ms, 0.9);
-  state.counters["max_ms"] = quantile(t.ms, 1.0);
-  state.counters["median_m"] = quantile(t.distances_m, 0.5);
+  state.counters["p50_ms"] = convoy::bench::quantile(t.ms, 0.5);
+  state.counters["p90_ms"] = convoy::bench::quantile(t.ms, 0.9);
+  state.counters["max_ms"] = convoy::bench::quantile(t.ms, 1.0);
+  state.counters["median_m"] = convoy::bench::quantile(t.distances_m, 0.5);
 }
 
 void BM_recorded(benchmark::State& state) {
   if (skipped(state)) return;
   const auto method = static_cast<SearchMethod>(state.range(0));
   Tally tally;
-  for (auto _ : state) tally = by_method(method, state.range(1) != 0);
+  for (auto _ : state) tally = by_method(convoy::bench::recorded_problems(), method, state.range(1) != 0);
   report(state, tally);
   state.SetLabel(std::string(to_string(method)) + (state.range(1) != 0 ? ", signatures" : ", geometry alone"));
 }
@@ -192,6 +192,17 @@ BENCHMARK(BM_recorded)
     ->Iterations(1)
     ->Unit(benchmark::kMillisecond);
 
+/// Problems on made-up streets, equivalent to the recorded ones: so many batches in a row that are searched together.
+void BM_joined(benchmark::State& state) {
+  constexpr std::uint64_t seed = 1;
+  const auto problems = convoy::bench::street_problems(static_cast<int>(state.range(0)), seed);
+  Tally tally;
+  for (auto _ : state) tally = by_method(problems, SearchMethod::alignment, false);
+  report(state, tally);
+  state.SetLabel("seed " + std::to_string(seed) + ", geometry alone");
+}
+BENCHMARK(BM_joined)->DenseRange(1, 3)->Iterations(1)->Unit(benchmark::kMillisecond);
+
 /// The paper's references; JCBB (0) within a budget, since some problems take it minutes.
 void BM_references(benchmark::State& state) {
   if (skipped(state)) return;
@@ -200,7 +211,7 @@ void BM_references(benchmark::State& state) {
   constexpr std::uint64_t nodes = 10'000;
   Tally tally;
   for (auto _ : state)
-    tally = tallied([&]<class G>(const AssociationProblem<G>& p) {
+    tally = tallied(convoy::bench::recorded_problems(), [&]<class G>(const AssociationProblem<G>& p) {
       const SearchResult found = which == 0   ? jcbb(p.map, p.fresh, p.prior, p.confidence, nodes)
                                  : which == 1 ? triplets(p.map, p.fresh, p.prior, p.confidence)
                                               : delaunay(p.map, p.fresh, p.prior, p.confidence);

@@ -136,6 +136,30 @@ Demand association_time(const char* what, Asked asked, int signatures, const cha
   return {recorded, what, asked, "ms", associated(0, signatures, value), {{"gcbb", associated(1, signatures, value)}}};
 }
 
+// Problems on made-up streets.
+constexpr const char* joined = "Association: 38 problems on made-up streets, 29 with something in common, by geometry";
+Source of_joined(const char* batches, const char* value) {
+  return {"association", std::string("BM_joined/") + batches, value};
+}
+Demand joined_count(const char* what, double figure, const char* batches, const char* value) {
+  return {joined, what, size_at_most(figure), "", of_joined(batches, value), {{"one batch", of_joined("1", value)}}};
+}
+Demand joined_time(const char* what, const char* batches) {
+  return {joined, what, nothing, "ms", of_joined(batches, "p90_ms"), {{"one batch", of_joined("1", "p90_ms")}}};
+}
+
+// The association in the chain.
+constexpr const char* in_chain = "Association in the chain: a recorded drive at 10 Hz, steps that search";
+Source chain(const char* recording, const char* value) {
+  return {"chain", std::string("BM_chain_") + recording, value};
+}
+Demand chain_step(const char* what, Asked asked, const char* recording, const char* value, const char* of_gcbb) {
+  return {in_chain, what, asked, "ms", chain(recording, value), {{"gcbb", chain(recording, of_gcbb)}}};
+}
+Demand chain_total(const char* what, const char* recording) {
+  return {in_chain, what, nothing, "s", chain(recording, "total_s"), {{"gcbb", chain(recording, "gcbb_total_s")}}};
+}
+
 Demand cold_time(const char* what, Graph number) {
   return {"Public pose graphs: the cold solution",
           what,
@@ -224,6 +248,22 @@ const std::vector<Demand>& demands() {
        "ms",
        {"association", "BM_large_map/100000", "cpu_ms"},
        {}},
+      joined_count("two batches in a row, not right", 2, "2", "not_right"),
+      joined_count("three batches in a row, not right", 2, "3", "not_right"),
+      joined_count("two batches in a row, accepted where nothing is in common", 0, "2", "false_accepts"),
+      joined_count("three batches in a row, accepted where nothing is in common", 0, "3", "false_accepts"),
+      joined_time("two batches in a row, 90 %", "2"),
+      joined_time("three batches in a row, 90 %", "3"),
+      chain_step("MR.CLAM set 6, 99 %", time_at_most(50), "mrclam", "step_p99_ms", "gcbb_step_p99_ms"),
+      chain_step("Victoria Park, 99 %", time_at_most(50), "victoria_park", "step_p99_ms", "gcbb_step_p99_ms"),
+      chain_total("MR.CLAM set 6, all steps together", "mrclam"),
+      chain_total("Victoria Park, all steps together", "victoria_park"),
+      {in_chain,
+       "MR.CLAM set 6, hypotheses stated with a pairing of two different landmarks",
+       size_at_most(0),
+       "",
+       chain("mrclam", "wrong"),
+       {{"gcbb", chain("mrclam", "gcbb_wrong")}}},
       keeping_time("SE(2), time of the last tenth to that of the first", "SE2"),
       keeping_time("SE(3), time of the last tenth to that of the first", "SE3"),
       keeping_memory("SE(2), memory of each", "SE2"),
