@@ -12,10 +12,11 @@ AssociationComponent<G>::AssociationComponent(SubmapManager<G>& manager, const A
 }
 
 template <class G>
-int AssociationComponent<G>::step(int max_searches) {
+int AssociationComponent<G>::step(int max_searches, std::uint64_t max_nodes) {
   queue_new_batches();
+  const std::uint64_t before = counters_.search_nodes;
   int done = 0;
-  for (; done < max_searches && !queue_.empty(); ++done) {
+  for (; done < max_searches && !queue_.empty() && counters_.search_nodes - before < max_nodes; ++done) {
     const Search next = queue_.back();
     queue_.pop_back();
     run(next);

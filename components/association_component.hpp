@@ -30,8 +30,9 @@ class AssociationComponent {
  public:
   AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params);
 
-  /// Does at most `max_searches` of what is due, what came last first. Returns how many it did; 0: nothing left to do.
-  int step(int max_searches = 8);
+  /// Does at most `max_searches` of what is due, what came last first, and no more once they have come to `max_nodes`
+  /// (about 10 ms). Returns how many it did; 0: nothing left to do.
+  int step(int max_searches = 8, std::uint64_t max_nodes = 100'000);
 
   const AssociationCounters& counters() const { return counters_; }
 

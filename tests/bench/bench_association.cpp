@@ -195,13 +195,14 @@ BENCHMARK(BM_recorded)
 /// Problems on made-up streets, equivalent to the recorded ones: so many batches in a row that are searched together.
 void BM_joined(benchmark::State& state) {
   constexpr std::uint64_t seed = 1;
-  const auto problems = convoy::bench::street_problems(static_cast<int>(state.range(0)), seed);
+  const bool signatures = state.range(1) != 0;
+  const auto problems = convoy::bench::street_problems(static_cast<int>(state.range(0)), signatures, seed);
   Tally tally;
-  for (auto _ : state) tally = by_method(problems, SearchMethod::alignment, false);
+  for (auto _ : state) tally = by_method(problems, SearchMethod::alignment, signatures);
   report(state, tally);
-  state.SetLabel("seed " + std::to_string(seed) + ", geometry alone");
+  state.SetLabel("seed " + std::to_string(seed) + (signatures ? ", signatures" : ", geometry alone"));
 }
-BENCHMARK(BM_joined)->DenseRange(1, 3)->Iterations(1)->Unit(benchmark::kMillisecond);
+BENCHMARK(BM_joined)->ArgsProduct({{1, 2, 3}, {0, 1}})->Iterations(1)->Unit(benchmark::kMillisecond);
 
 /// The paper's references; JCBB (0) within a budget, since some problems take it minutes.
 void BM_references(benchmark::State& state) {

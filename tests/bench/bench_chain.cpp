@@ -1,11 +1,13 @@
 // The association in the chain: what each step of it takes while recordings are driven, and what is stated. The fleet
-// of `convoy demo` on one thread, one clock (10 Hz of the recording) and a network without loss. Maps are not built, as
-// no association depends on them. A step counts if it searched; time is that of this thread.
+// of `convoy demo` on one thread, one clock (10 Hz of the recording) and a network without loss. The map is built once,
+// at the end, since no association depends on it. A step counts if it searched; time is that of this thread.
 #include <convoy/components/association_component.hpp>
 #include <convoy/components/front_end_component.hpp>
 #include <convoy/components/submap_manager.hpp>
 #include <convoy/exchange/in_process.hpp>
 #include <convoy/frontend/range_bearing_ekf.hpp>
+#include <convoy/map/global_map.hpp>
+#include <convoy/map/sparse_map.hpp>
 
 #include <benchmark/benchmark.h>
 
@@ -134,6 +136,17 @@ class Fleet {
   /// Where tracks are names of landmarks, the same for all.
   bool is_true(const Pairing& pairing) const { return track_of(pairing.first) == track_of(pairing.second); }
 
+  /// Classes of the map that all of this amounts to which join different things.
+  int false_fusions() const {
+    const SparseMap<SE2> backend;
+    const auto map = build_global_map(members_.front()->store(), SelectionParams(), backend);
+    int count = 0;
+    for (const auto& members : map.selection.classes)
+      count += std::any_of(members.begin(), members.end(),
+                           [&](const Key& key) { return track_of(key) != track_of(*members.begin()); });
+    return count;
+  }
+
   StepTimes times;
 
  private:
@@ -167,6 +180,7 @@ void count_wrong(const Fleet& fleet, const std::string& method, benchmark::State
     wrong += count > 0;
     misplaced += 2 * count > pairings.size();
   }
+  state.counters[method + "false_fusions"] = fleet.false_fusions();
   state.counters[method + "wrong"] = wrong;
   state.counters[method + "misplaced"] = misplaced;
   state.counters[method + "pairings"] = static_cast<double>(all.size());

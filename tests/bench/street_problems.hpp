@@ -9,8 +9,10 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <numbers>
 #include <utility>
 #include <vector>
@@ -31,6 +33,7 @@ struct StreetProblemParams {
   double regularity = 0.0;    ///< share of the windows that are landmarks
   double way_m = 0.0;         ///< that is driven
   double heading_deg = 20.0;  ///< 95 % of the prior; of the position: 22 m
+  bool signatures = false;    ///< landmarks say what they look like
   std::uint64_t seed = 0;
 };
 
@@ -78,6 +81,7 @@ struct Thing {
   Eigen::Vector3d place;  // [m], height last; 0 in the plane
   std::size_t street;
   double s_m;
+  std::uint64_t signature;  // what it looks like; windows alike are nearly the same
 };
 
 /// What the streets of one town have in common.
@@ -89,24 +93,28 @@ class TownStyle {
         half_width_m_(random.uniform(6.5, 10.0)),
         apart_m_(1.0 / (random.uniform(0.8, 1.1) * (1.25 - regularity))),
         roughness_m_(0.6 * (1.0 - regularity)) {
-    for (Windows& w : windows_) w = {2.4 + 0.3 * random.integer(0, 4), 1.0 + 0.2 * random.integer(0, 2)};
+    for (Windows& w : windows_) {
+      w = {2.4 + 0.3 * random.integer(0, 4), 1.0 + 0.2 * random.integer(0, 2), {}};
+      for (std::uint64_t& corner : w.corners) corner = random.engine()();
+    }
+    pole_ = random.engine()();
   }
 
   std::vector<Thing> things(test::Random& random, const std::vector<Street>& streets) const {
     std::vector<Thing> all;
     for (std::size_t k = 0; k < streets.size(); ++k)
       for (const double side : {-1.0, 1.0}) {
-        const auto put = [&](double s_m, double aside_m, double height_m) {
+        const auto put = [&](double s_m, double aside_m, double height_m, std::uint64_t signature) {
           if (s_m >= streets[k].length_m()) return;
           const SE2::Point p = streets[k].at(s_m) * SE2::Point(0.0, side * aside_m);
-          all.push_back({{p.x(), p.y(), in_space_ ? height_m : 0.0}, k, s_m});
+          all.push_back({{p.x(), p.y(), in_space_ ? height_m : 0.0}, k, s_m, signature});
         };
         const double length_m = streets[k].length_m();
         for (double s = random.uniform(0.0, 4.0); s < length_m;) s += facade(random, s, put);
         for (double s = random.uniform(0.0, 20.0); s < length_m; s += 24.0 + random.normal(0.4))
           lamp_post(random, s, put);
         for (double s = anywhere(random); s < length_m; s += anywhere(random))
-          put(s, half_width_m_ + random.uniform(-5.0, 2.5), random.uniform(0.0, 6.0));
+          put(s, half_width_m_ + random.uniform(-5.0, 2.5), random.uniform(0.0, 6.0), random.engine()());
       }
     return all;
   }
@@ -114,6 +122,7 @@ class TownStyle {
  private:
   struct Windows {
     double pitch_m, width_m;
+    std::array<std::uint64_t, 4> corners;  // signatures: low left, low right, high left, high right
   };
 
   // From s on; the edges of its windows are things. Returns how much of the street it takes. [m]
@@ -128,8 +137,9 @@ class TownStyle {
           if (random.uniform(0.0, 1.0) > regularity_) continue;
           const double at_m = s + w.pitch_m * (column + 0.5) + edge * w.width_m;
           const double aside_m = front_m + random.normal(roughness_m_);
-          put(at_m, aside_m, 3.0 * storey + 1.0);
-          if (in_space_) put(at_m, aside_m, 3.0 * storey + 2.3);
+          const std::size_t right = edge > 0.0 ? 1 : 0;
+          put(at_m, aside_m, 3.0 * storey + 1.0, varied(random, w.corners[right], 3));
+          if (in_space_) put(at_m, aside_m, 3.0 * storey + 2.3, varied(random, w.corners[2 + right], 3));
         }
     constexpr std::array<double, 4> gaps_m{0.0, 0.0, 1.5, 3.0};
     return w.pitch_m * columns + gaps_m[static_cast<std::size_t>(random.integer(0, 3))];
@@ -138,8 +148,13 @@ class TownStyle {
   template <class Put>
   void lamp_post(test::Random& random, double s, const Put& put) const {
     const double aside_m = half_width_m_ - 2.2 + random.normal(0.1);
-    put(s, aside_m, 2.0);
-    if (in_space_) put(s, aside_m, 5.0);
+    put(s, aside_m, 2.0, varied(random, pole_, 1));
+    if (in_space_) put(s, aside_m, 5.0, varied(random, pole_, 1));
+  }
+
+  static std::uint64_t varied(test::Random& random, std::uint64_t signature, int bits) {
+    for (; bits > 0; --bits) signature ^= std::uint64_t{1} << random.integer(0, 63);
+    return signature;
   }
 
   double anywhere(test::Random& random) const { return -apart_m_ * std::log(1.0 - random.uniform(0.0, 1.0)); }
@@ -150,6 +165,7 @@ class TownStyle {
   double apart_m_;  // things that stand anywhere, on each side
   double roughness_m_;
   std::array<Windows, 2> windows_;
+  std::uint64_t pole_ = 0;
 };
 
 /// Makes one problem.
@@ -170,6 +186,7 @@ class StreetProblem {
     const G T_map_fresh = see_fresh(problem);
     see_map(problem);
     problem.prior = prior(T_map_fresh);
+    if (params_.signatures) problem.looks_alike = similar;
     KnownProblem known{std::move(problem), in_common() ? "match" : "nomatch", T_map_fresh, {}};
     for (std::size_t i = 0; i < fresh_.size() && in_common(); ++i)
       if (const auto j = std::find(mapped_.begin(), mapped_.end(), fresh_[i]); j != mapped_.end())
@@ -319,6 +336,7 @@ class StreetProblem {
       append(exact_map, place(thing, T_map_world_), S);
       append(exact_fresh, T_fresh_level * level, S);
       append(problem.fresh, T_fresh_level * Point(level + random_.draw<G::Dim>(S)), R * S * R.transpose());
+      sign(problem.fresh, thing);
       problem.fresh.abscissa_m.push_back(way_m);
       problem.fresh_id.push_back(problem.fresh_id.size());
     }
@@ -332,6 +350,7 @@ class StreetProblem {
       const Point there = place(thing, T_map_world_);
       const PointCovariance S = noise(there, T_map_world_ * streets_[thing.street].at(seen_at(thing)));
       append(problem.map, there + random_.draw<G::Dim>(S), S);
+      sign(problem.map, thing);
       problem.map_id.push_back(problem.map_id.size());
     }
   }
@@ -362,6 +381,23 @@ class StreetProblem {
     batch.landmarks.push_back(landmark);
   }
 
+  // As it is seen: each bit is another one now and then.
+  void sign(Batch<G>& batch, const Thing& thing) {
+    if (!params_.signatures) return;
+    std::uint64_t seen = thing.signature;
+    for (int bit = 0; bit < 64; ++bit)
+      if (random_.uniform(0.0, 1.0) < 0.05) seen ^= std::uint64_t{1} << bit;
+    std::memcpy(batch.landmarks.back().descriptor.bytes.data(), &seen, sizeof seen);
+  }
+
+  static bool similar(const LandmarkFact<G>& i, const LandmarkFact<G>& j) {
+    constexpr int max_different_bits = 18;
+    std::uint64_t a = 0, b = 0;
+    std::memcpy(&a, i.descriptor.bytes.data(), sizeof a);
+    std::memcpy(&b, j.descriptor.bytes.data(), sizeof b);
+    return std::popcount(a ^ b) <= max_different_bits;
+  }
+
   // Level, off by the error that was drawn.
   RelativePrior<G> prior(const G& truth) const {
     RelativePrior<G> prior;
@@ -385,8 +421,9 @@ class StreetProblem {
   std::vector<SE2> true_, believed_;  // T_world_vehicle, T_start_vehicle
 };
 
-/// 29 problems with something in common and 9 without, `batches` batches of new landmarks in a row in each.
-inline std::vector<KnownProblem> street_problems(int batches, std::uint64_t seed) {
+/// 29 problems with something in common and 9 without, `batches` batches of new landmarks in a row in each. With
+/// `signatures`, landmarks of every other one of the smaller ones say what they look like, as in the recorded ones.
+inline std::vector<KnownProblem> street_problems(int batches, bool signatures, std::uint64_t seed) {
   constexpr double irregular = 0.15, street = 0.5, hard = 1.0;  // repeated facades and little else
   struct Row {
     int fresh, mapped;  // of one batch
@@ -420,6 +457,7 @@ inline std::vector<KnownProblem> street_problems(int batches, std::uint64_t seed
     params.sigma_m = row.sigma_m;
     params.regularity = row.regularity;
     params.heading_deg = row.heading_deg;
+    params.signatures = signatures && k % 2 == 1 && row.mapped <= 1000;
     params.seed = 1000 * seed + k;
     problems.push_back(k % 5 == 4 ? StreetProblem<SE3>(params).make() : StreetProblem<SE2>(params).make());
   }

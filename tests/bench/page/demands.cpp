@@ -137,15 +137,18 @@ Demand association_time(const char* what, Asked asked, int signatures, const cha
 }
 
 // Problems on made-up streets.
-constexpr const char* joined = "Association: 38 problems on made-up streets, 29 with something in common, by geometry";
-Source of_joined(const char* batches, const char* value) {
-  return {"association", std::string("BM_joined/") + batches, value};
+constexpr const char* joined = "Association: 38 problems on made-up streets, 29 with something in common";
+Source of_joined(const char* batches, int signatures, const char* value) {
+  return {"association", std::string("BM_joined/") + batches + "/" + std::to_string(signatures), value};
 }
-Demand joined_count(const char* what, double figure, const char* batches, const char* value) {
-  return {joined, what, size_at_most(figure), "", of_joined(batches, value), {{"one batch", of_joined("1", value)}}};
-}
-Demand joined_time(const char* what, const char* batches) {
-  return {joined, what, nothing, "ms", of_joined(batches, "p90_ms"), {{"one batch", of_joined("1", "p90_ms")}}};
+Demand joined_row(const char* what, Asked asked, const char* unit, const char* batches, int signatures,
+                  const char* value) {
+  return {joined,
+          what,
+          asked,
+          unit,
+          of_joined(batches, signatures, value),
+          {{"one batch", of_joined("1", signatures, value)}}};
 }
 
 // The association in the chain.
@@ -248,19 +251,27 @@ const std::vector<Demand>& demands() {
        "ms",
        {"association", "BM_large_map/100000", "cpu_ms"},
        {}},
-      joined_count("two batches in a row, not right", 2, "2", "not_right"),
-      joined_count("three batches in a row, not right", 2, "3", "not_right"),
-      joined_count("two batches in a row, accepted where nothing is in common", 0, "2", "false_accepts"),
-      joined_count("three batches in a row, accepted where nothing is in common", 0, "3", "false_accepts"),
-      joined_time("two batches in a row, 90 %", "2"),
-      joined_time("three batches in a row, 90 %", "3"),
+      joined_row("two batches in a row, not right", size_at_most(2), "", "2", 1, "not_right"),
+      joined_row("three batches in a row, not right", size_at_most(2), "", "3", 1, "not_right"),
+      joined_row("two batches, accepted where nothing is in common", size_at_most(0), "", "2", 1, "false_accepts"),
+      joined_row("three batches, accepted where nothing is in common", size_at_most(0), "", "3", 1, "false_accepts"),
+      joined_row("two batches, by geometry alone, not right", nothing, "", "2", 0, "not_right"),
+      joined_row("three batches, by geometry alone, not right", nothing, "", "3", 0, "not_right"),
+      joined_row("two batches, 90 %", nothing, "ms", "2", 1, "p90_ms"),
+      joined_row("three batches, 90 %", nothing, "ms", "3", 1, "p90_ms"),
       chain_step("MR.CLAM set 6, 99 %", time_at_most(50), "mrclam", "step_p99_ms", "gcbb_step_p99_ms"),
       chain_step("Victoria Park, 99 %", time_at_most(50), "victoria_park", "step_p99_ms", "gcbb_step_p99_ms"),
       chain_total("MR.CLAM set 6, all steps together", "mrclam"),
       chain_total("Victoria Park, all steps together", "victoria_park"),
       {in_chain,
-       "MR.CLAM set 6, hypotheses stated with a pairing of two different landmarks",
+       "MR.CLAM set 6, classes of the map that join different landmarks",
        size_at_most(0),
+       "",
+       chain("mrclam", "false_fusions"),
+       {{"gcbb", chain("mrclam", "gcbb_false_fusions")}}},
+      {in_chain,
+       "MR.CLAM set 6, hypotheses stated with a pairing of two different landmarks",
+       nothing,
        "",
        chain("mrclam", "wrong"),
        {{"gcbb", chain("mrclam", "gcbb_wrong")}}},
