@@ -103,6 +103,8 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("association", "min_distance_m", a.constraints.min_distance_m);
   visit("association", "method", a.method);
   visit("association", "max_nodes", a.max_nodes);
+  visit("association", "max_candidates", a.max_candidates);
+  visit("association", "max_landmarks", a.max_landmarks);
   visit("association", "min_pairings", a.min_pairings);
   visit("association", "residual", a.residual);
   visit("association", "pairing", a.pairing);

@@ -16,8 +16,8 @@ struct AlignmentSearchParams {
   double gate = 0.99;             ///< chi-square confidence within which two landmarks agree with an alignment, (0, 1)
   double min_odds = 4.0;          ///< a pair is kept if it is so many times likelier true than chance, > 0
   double density_radius_m = 3.5;  ///< radius within which landmarks are counted for their density, > 0
-  std::size_t max_proposals = 100;       ///< places looked at closely, >= 2
-  std::uint64_t max_votes = 20'000'000;  ///< pairs of landmarks tried over all headings; beyond, the search is cut off
+  std::size_t max_proposals = 100;      ///< places looked at closely, >= 2
+  std::uint64_t max_votes = 5'000'000;  ///< pairs of landmarks tried over all headings; beyond, the search is cut off
 };
 
 /// Throws ConfigError when a value is out of its range.

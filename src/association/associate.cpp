@@ -83,19 +83,20 @@ class Associator {
 
   // A largest set that goes together.
   AssociationResult<G> by_largest_set() {
-    const DistanceTable table_a(a_), table_b(b_);
+    find_candidates();
+    result_.candidates = candidates_.size();
+    if (candidates_.size() > params_.max_candidates) return reject(Rejection::search_cut_off);
+    if (static_cast<int>(candidates_.size()) < params_.min_pairings) return reject(Rejection::too_few_candidates);
+    const DistanceTable table_a(a_, used_of_a()), table_b(b_, used_of_b());
     const DistanceCompatibility distance(table_a, table_b, params_.constraints);
     const HeadingCompatibility<G> heading(a_, b_, table_a, table_b, prior_, params_.constraints.heading);
     const auto binary = [&](int i1, int j1, int i2, int j2) {
       return distance(i1, j1, i2, j2) && heading(i1, j1, i2, j2);
     };
-    find_candidates();
     const CompatibilityGraph graph(candidates_, [&](const IndexPairing& p, const IndexPairing& q) {
       return binary(p.first, p.second, q.first, q.second);
     });
-    result_.candidates = graph.size();
     result_.compatible = graph.edges();
-    if (static_cast<int>(graph.size()) < params_.min_pairings) return reject(Rejection::too_few_candidates);
     const SearchResult best = search(graph, binary);
     result_.nodes = best.nodes;
     if (best.cut_off) return reject(Rejection::search_cut_off);
@@ -173,6 +174,17 @@ class Associator {
     for (int i = 0; i < static_cast<int>(a_.landmarks.size()); ++i)
       for (int j = 0; j < static_cast<int>(b_.landmarks.size()); ++j)
         if (unary(in_a(i), in_b(j)) && alike(i, j)) candidates_.emplace_back(i, j);
+  }
+
+  std::vector<bool> used_of_a() const {
+    std::vector<bool> used(a_.landmarks.size(), false);
+    for (const auto& [i, j] : candidates_) used[static_cast<std::size_t>(i)] = true;
+    return used;
+  }
+  std::vector<bool> used_of_b() const {
+    std::vector<bool> used(b_.landmarks.size(), false);
+    for (const auto& [i, j] : candidates_) used[static_cast<std::size_t>(j)] = true;
+    return used;
   }
 
   SearchResult search(const CompatibilityGraph& graph, const std::function<bool(int, int, int, int)>& binary) const {
@@ -433,6 +445,8 @@ void validate(const AssociationParams& p) {
     throw ConfigError("association: min_runner_up_false_alarms must be >= max_false_alarms");
   if (!(p.min_similarity >= -1.0 && p.min_similarity <= 1.0))
     throw ConfigError("association: min_similarity must lie in [-1, 1]");
+  if (p.max_candidates == 0 || p.max_landmarks == 0)
+    throw ConfigError("association: max_candidates and max_landmarks must be > 0");
   if (p.max_nodes == 0) throw ConfigError("association: max_nodes must be > 0");
   if (!(p.max_chance_places > 0.0)) throw ConfigError("association: max_chance_places must be > 0");
   if (!(p.max_doubt > 0.0 && p.max_doubt <= 1.0)) throw ConfigError("association: max_doubt must lie in (0, 1]");

@@ -24,12 +24,16 @@ struct AssociationParams {
   ConstraintParams constraints;
   SearchMethod method = SearchMethod::alignment;
   AlignmentSearchParams alignment;
-  std::uint64_t max_nodes = 200'000;  ///< search tree nodes of gcbb and fig5; beyond, the answer is "none"
-  int min_pairings = 5;               ///< fewer never decide anything
-  double residual = 0.99;             ///< chi-square confidence of the aligned set
-  double pairing = 0.9;               ///< chi-square confidence within which two landmarks agree with an alignment
-  double separation = 0.999;          ///< a pairing is left out unless exchanging its partner is this much worse
-  double max_false_alarms = 1e-5;     ///< expected number of alignments as good by chance, at the local density
+  std::uint64_t max_nodes = 200'000;    ///< search tree nodes of gcbb and fig5; beyond, the answer is "none"
+  std::size_t max_candidates = 20'000;  ///< pairs that gcbb and fig5 take on; the same
+  /// Landmarks of a batch of the store, with what is joined with it (reach.hpp); the same. No vehicle sees as many at
+  /// once, and who says so does not stop the others.
+  std::size_t max_landmarks = 5'000;
+  int min_pairings = 5;            ///< fewer never decide anything
+  double residual = 0.99;          ///< chi-square confidence of the aligned set
+  double pairing = 0.9;            ///< chi-square confidence within which two landmarks agree with an alignment
+  double separation = 0.999;       ///< a pairing is left out unless exchanging its partner is this much worse
+  double max_false_alarms = 1e-5;  ///< expected number of alignments as good by chance, at the local density
   // A second, incompatible place makes the first one ambiguous if ...
   double max_runner_up_share = 0.7;  ///< ... it has more than this share of the first one's support (largest sets), or
   double min_runner_up_false_alarms =
@@ -53,7 +57,7 @@ enum class Rejection : std::uint8_t {
   not_rejected,
   too_few_candidates,  ///< the unary constraint left too few pairs
   too_few_pairings,    ///< the largest set is too small
-  search_cut_off,      ///< node budget
+  search_cut_off,      ///< node budget, or too many candidates or landmarks
   geometry,            ///< the pairs do not align within their covariances
   prior,               ///< they align, but not where the static bias and the drift allow
   chance,              ///< such a set is to be expected by chance

@@ -112,16 +112,21 @@ bool IndividualCompatibility<G>::operator()(const LandmarkFact<G>& i, const Land
 }
 
 template <class G>
-DistanceTable::DistanceTable(const Batch<G>& batch)
-    : n_(batch.landmarks.size()), distance_(n_ * n_, 0.0), variance_(n_ * n_, 0.0), turn_variance_(n_ * n_, 0.0) {
+DistanceTable::DistanceTable(const Batch<G>& batch, const std::vector<bool>& used) {
+  std::vector<const LandmarkFact<G>*> rows;
+  for (std::size_t i = 0; i < batch.landmarks.size(); ++i) {
+    row_.push_back(rows.size());
+    if (used.empty() || used[i]) rows.push_back(&batch.landmarks[i]);
+  }
+  n_ = rows.size();
+  for (auto* table : {&distance_, &variance_, &turn_variance_}) table->assign(n_ * n_, 0.0);
   for (std::size_t i = 0; i < n_; ++i)
     for (std::size_t j = 0; j < n_; ++j) {
-      const typename G::Point d = batch.landmarks[i].position - batch.landmarks[j].position;
+      const typename G::Point d = rows[i]->position - rows[j]->position;
       const double length = d.norm();
       if (i == j || length == 0.0) continue;
-      const typename G::Loading L = batch.landmarks[i].loading - batch.landmarks[j].loading;
-      const typename G::PointCovariance S =
-          batch.landmarks[i].own_covariance() + batch.landmarks[j].own_covariance() + L * L.transpose();
+      const typename G::Loading L = rows[i]->loading - rows[j]->loading;
+      const typename G::PointCovariance S = rows[i]->own_covariance() + rows[j]->own_covariance() + L * L.transpose();
       distance_[i * n_ + j] = length;
       variance_[i * n_ + j] = d.dot(S * d) / (length * length);
       turn_variance_[i * n_ + j] = std::max(0.0, S.trace() - variance_[i * n_ + j]) / (length * length);
@@ -172,7 +177,7 @@ bool HeadingCompatibility<G>::operator()(int i1, int j1, int i2, int j2) const {
   template Batch<G> batch_of(const FactStore<G>&, const Key&);                                         \
   template class IndividualCompatibility<G>;                                                           \
   template class HeadingCompatibility<G>;                                                              \
-  template DistanceTable::DistanceTable(const Batch<G>&);
+  template DistanceTable::DistanceTable(const Batch<G>&, const std::vector<bool>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy

@@ -80,19 +80,23 @@ class IndividualCompatibility {
   double threshold_;
 };
 
-/// Distances between the landmarks of one batch and their variances, computed once.
+/// Distances between the landmarks of one batch and their variances, computed once; of those in `used` alone, if it is
+/// given: asking for another is out of bounds.
 class DistanceTable {
  public:
   template <class G>
-  explicit DistanceTable(const Batch<G>& batch);
+  explicit DistanceTable(const Batch<G>& batch, const std::vector<bool>& used = {});
   double distance(int i, int j) const { return distance_[at(i, j)]; }
   double variance(int i, int j) const { return variance_[at(i, j)]; }
   /// Of the direction from one to the other [rad^2].
   double turn_variance(int i, int j) const { return turn_variance_[at(i, j)]; }
 
  private:
-  std::size_t at(int i, int j) const { return static_cast<std::size_t>(i) * n_ + static_cast<std::size_t>(j); }
-  std::size_t n_;
+  std::size_t at(int i, int j) const {
+    return row_[static_cast<std::size_t>(i)] * n_ + row_[static_cast<std::size_t>(j)];
+  }
+  std::vector<std::size_t> row_;  // of each landmark
+  std::size_t n_ = 0;
   std::vector<double> distance_, variance_, turn_variance_;
 };
 

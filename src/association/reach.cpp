@@ -18,6 +18,13 @@ LandmarkFact<G> seen_from(const RelativePrior<G>& T, LandmarkFact<G> landmark) {
   return landmark;
 }
 
+template <class G>
+std::size_t size_of(const FactStore<G>& store, const Key& anchor, Reach reach) {
+  std::size_t size = 0;
+  for (const Key& key : batches_within(anchor, reach)) size += store.anchor(key)->landmark_count;
+  return size;
+}
+
 // Those between the two batches alone; none if they are too few.
 template <class G>
 std::vector<Pairing> between(const FactStore<G>& store, const Key& a, const Key& b, std::vector<Pairing> pairings,
@@ -58,6 +65,11 @@ bool apart(const Key& a, const Key& b, Reach reach) {
 template <class G>
 AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
                                const AssociationParams& params) {
+  if (std::max(size_of(store, a, reach), size_of(store, b, reach)) > params.max_landmarks) {
+    AssociationResult<G> refused;
+    refused.rejection = Rejection::search_cut_off;
+    return refused;
+  }
   AssociationResult<G> result =
       associate(joined_batch(store, a, reach), joined_batch(store, b, reach), relative_prior(store, a, b), params);
   if (reach == Reach::alone) return result;
