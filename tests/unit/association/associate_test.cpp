@@ -270,6 +270,9 @@ TEST_P(Associate, SaysWhyNot) {
   few.landmarks.resize(4);
   EXPECT_EQ(reason(few, m.b, prior, [](P&) {}), Rejection::too_few_candidates);
   EXPECT_EQ(reason(m.a, m.b, prior, [](P& p) { p.max_nodes = p.alignment.max_votes = 2; }), Rejection::search_cut_off);
+  if (GetParam() == SearchMethod::gcbb) {
+    EXPECT_EQ(reason(m.a, m.b, prior, [](P& p) { p.max_candidates = 10; }), Rejection::search_cut_off);
+  }
   EXPECT_EQ(reason(m.a, m.b, prior, [](P& p) { p.min_pairings = 18; }), Rejection::too_few_pairings);
   EXPECT_EQ(reason(m.a, m.b, prior, [](P& p) { p.max_false_alarms = p.max_chance_places = 1e-300; }),
             Rejection::chance);
@@ -303,6 +306,11 @@ TEST(AssociationParams, AreChecked) {
   EXPECT_TRUE(refused([](P& p) { p.max_false_alarms = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.max_runner_up_share = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.max_nodes = 0; }));
+  EXPECT_TRUE(refused([](P& p) { p.max_candidates = 0; }));
+  EXPECT_TRUE(refused([](P& p) { p.max_landmarks = 0; }));
+  EXPECT_TRUE(refused([](P& p) { p.max_doubt = 1.5; }));
+  EXPECT_TRUE(refused([](P& p) { p.min_similarity = -1.5; }));
+  EXPECT_TRUE(refused([](P& p) { p.constraints.heading = 1.0; }));
 }
 
 }  // namespace

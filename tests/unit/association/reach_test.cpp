@@ -106,6 +106,17 @@ TYPED_TEST(ReachIn, FindsByItsNeighboursWhatABatchAloneDoesNot) {
   EXPECT_GE(found[2], 5);
 }
 
+TEST(Reach, HugeBatchesAreRefusedWithWhatIsJoined) {
+  const test::SparseStreet<SE2> street(1, 0.5, 0.1);
+  const FactStore<SE2> store = street.store();
+  const Key a{street.chain(1), 2}, b{street.chain(2), 2};
+  AssociationParams params;
+  params.max_landmarks = batch_of(store, a).landmarks.size() + batch_of(store, b).landmarks.size();
+  EXPECT_NE(associate(store, a, b, Reach::alone, params).rejection, Rejection::search_cut_off);
+  EXPECT_EQ(associate(store, a, b, Reach::with_both, params).rejection, Rejection::search_cut_off);
+  EXPECT_EQ(next_reach(associate(store, a, b, Reach::with_both, params), a, b, Reach::alone), std::nullopt);
+}
+
 TEST(Reach, GoesOnWhereMoreMayHelpAndEndsWhereItMayNot) {
   const Key a{{1, 1}, 3}, b{{2, 1}, 5};
   AssociationResult<SE2> result;
@@ -115,7 +126,8 @@ TEST(Reach, GoesOnWhereMoreMayHelpAndEndsWhereItMayNot) {
     return next_reach(result, a, b, reach);
   };
   EXPECT_EQ(next(Rejection::not_rejected, Decision::accepted, Reach::alone), std::nullopt);
-  for (const Rejection final : {Rejection::too_few_candidates, Rejection::too_few_pairings, Rejection::prior, Rejection::repeats})
+  for (const Rejection final :
+       {Rejection::too_few_candidates, Rejection::too_few_pairings, Rejection::prior, Rejection::repeats})
     for (const Reach reach : reaches) EXPECT_EQ(next(final, Decision::none, reach), std::nullopt) << to_string(final);
   for (const Rejection weak : {Rejection::chance, Rejection::runner_up, Rejection::geometry}) {
     const Decision decision = weak == Rejection::runner_up ? Decision::ambiguous : Decision::none;
