@@ -2,12 +2,14 @@
 #include <convoy/geometry/groups.hpp>
 
 #include <algorithm>
+#include <utility>
 
 namespace convoy {
 
 template <class G>
-AssociationComponent<G>::AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params)
-    : manager_(manager), params_(params) {
+AssociationComponent<G>::AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params,
+                                              LooksAlike<G> looks_alike)
+    : manager_(manager), params_(params), looks_alike_(std::move(looks_alike)) {
   validate(params);
 }
 
@@ -70,7 +72,7 @@ template <class G>
 void AssociationComponent<G>::run(const Search& search) {
   const auto& [a, b, reach] = search;
   ++counters_.searches;
-  const auto result = associate(manager_.store(), a, b, reach, params_);
+  const auto result = associate(manager_.store(), a, b, reach, params_, looks_alike_);
   counters_.search_nodes += result.nodes;
   if (result.decision == Decision::accepted) ++counters_.accepted;
   else ++counters_.rejected[static_cast<std::size_t>(result.rejection)];

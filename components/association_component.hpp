@@ -28,7 +28,9 @@ struct AssociationCounters {
 template <class G>
 class AssociationComponent {
  public:
-  AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params);
+  /// `looks_alike`: a constraint of one's own. It must say the same of the same two facts on every vehicle, and is
+  /// asked of every pair that the prior allows, so it should take no longer than a few nanoseconds.
+  AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params, LooksAlike<G> looks_alike = {});
 
   /// Does at most `max_searches` of what is due, what came last first, and no more once they have come to `max_nodes`
   /// (about 10 ms). Returns how many it did; 0: nothing left to do.
@@ -48,6 +50,7 @@ class AssociationComponent {
 
   SubmapManager<G>& manager_;
   AssociationParams params_;
+  LooksAlike<G> looks_alike_;
   std::set<Key> known_;                         // complete batches seen so far
   std::vector<Key> searched_;                   // those of them that are large enough to decide anything
   std::vector<Search> queue_;                   // newest last

@@ -39,7 +39,7 @@ void Vehicle<G>::configure() {
   auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps, backend_);
   auto map_worker = std::make_unique<MapWorker<G>>(params_.submaps, manager->backend());
   auto front_end = std::make_unique<FrontEndComponent<G>>(front_end_, *manager, params_.drift, params_.live_period_s);
-  auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association);
+  auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association, params_.looks_alike);
   front_end->on_export(on_export_);
   // The static bias is where the first epoch began; a later one begins somewhere else, which nobody knows.
   manager->open_chain(front_end_.state().stamp_s, first ? params_.static_bias : std::nullopt, front_end->persistent());

@@ -41,6 +41,7 @@ struct VehicleParams {
   typename G::Point mark = G::Point::Zero();  ///< what other vehicles see of this one, body frame [m]
   DriftParams<G> drift;
   AssociationParams association;
+  LooksAlike<G> looks_alike = {};  ///< a constraint of one's own, see AssociationComponent
   SubmapManagerParams submaps;
   double live_period_s = 1.0;   ///< between two live poses, of the front end's time
   double step_period_s = 0.02;  ///< of the thread, wall time, (0, 60]

@@ -405,9 +405,12 @@ AssociationResult<G> by_alignment(const Batch<G>& a, const Batch<G>& b, const st
 
 template <class G>
 bool is_fit(const Batch<G>& batch) {
-  return std::all_of(batch.landmarks.begin(), batch.landmarks.end(), [](const LandmarkFact<G>& l) {
-    return l.position.allFinite() && l.loading.allFinite() && is_covariance(l.covariance);
-  });
+  const bool placed =
+      batch.abscissa_m.size() == batch.landmarks.size() || (batch.abscissa_m.empty() && batch.drift_m2_per_m == 0.0);
+  return placed && std::all_of(batch.landmarks.begin(), batch.landmarks.end(), [](const LandmarkFact<G>& l) {
+           return l.position.allFinite() && l.loading.allFinite() && is_covariance(l.covariance) &&
+                  is_covariance(l.own_covariance(), l.covariance.trace());
+         });
 }
 
 template <class G>

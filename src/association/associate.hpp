@@ -24,26 +24,27 @@ struct AssociationParams {
   ConstraintParams constraints;
   SearchMethod method = SearchMethod::alignment;
   AlignmentSearchParams alignment;
-  std::uint64_t max_nodes = 200'000;    ///< search tree nodes of gcbb and fig5; beyond, the answer is "none"
-  std::size_t max_candidates = 20'000;  ///< pairs that gcbb and fig5 take on; the same
-  /// Landmarks of a batch of the store, with what is joined with it (reach.hpp); the same. No vehicle sees as many at
-  /// once, and who says so does not stop the others.
+  /// Landmarks of a batch of the store, with what is joined with it (reach.hpp); beyond, the answer is "none". No
+  /// vehicle sees as many at once, and who says so does not stop the others.
   std::size_t max_landmarks = 5'000;
-  int min_pairings = 5;            ///< fewer never decide anything
-  double residual = 0.99;          ///< chi-square confidence of the aligned set
-  double pairing = 0.9;            ///< chi-square confidence within which two landmarks agree with an alignment
-  double separation = 0.999;       ///< a pairing is left out unless exchanging its partner is this much worse
-  double max_false_alarms = 1e-5;  ///< expected number of alignments as good by chance, at the local density
-  // A second, incompatible place makes the first one ambiguous if ...
-  double max_runner_up_share = 0.7;  ///< ... it has more than this share of the first one's support (largest sets), or
-  double min_runner_up_false_alarms =
-      1e-3;  ///< ... fewer than so many like it are to be expected by chance: the world repeats itself
-  // By their likelihood ratios, of the likeliest places:
+  int min_pairings = 5;         ///< fewer never decide anything
+  double residual = 0.99;       ///< chi-square confidence of the aligned set
+  double pairing = 0.9;         ///< chi-square confidence within which two landmarks agree with an alignment
+  double separation = 0.999;    ///< a pairing is left out unless exchanging its partner is this much worse
+  double min_similarity = 0.3;  ///< of patches that may be of one thing (appearance.hpp), [-1, 1]; -1: not compared
+  /// A second, incompatible place makes the first one ambiguous if fewer than so many like it are to be expected by
+  /// chance: the world repeats itself.
+  double min_runner_up_false_alarms = 1e-3;
+  // Of the likeliest places (alignment), beside `alignment`:
   double max_chance_places = 0.1;  ///< at most so many places as likely are to be expected by chance
   /// The share of its log ratio that the best place elsewhere has, and the share of its pairings that places beside it
-  /// have on average, may come to so much together.
+  /// have on average, may come to so much together, (0, 1].
   double max_doubt = 0.75;
-  double min_similarity = 0.3;  ///< of patches that may be of one thing (appearance.hpp), [-1, 1]; -1: not compared
+  // Of largest sets (gcbb, fig5):
+  std::uint64_t max_nodes = 200'000;    ///< of the search tree; beyond, the answer is "none"
+  std::size_t max_candidates = 20'000;  ///< pairs that may be paired; the same
+  double max_false_alarms = 1e-5;       ///< expected number of alignments as good by chance, at the local density
+  double max_runner_up_share = 0.7;     ///< of the first one's support: a second with more makes it ambiguous
 };
 
 /// Throws ConfigError when a value is out of its range.
@@ -63,7 +64,7 @@ enum class Rejection : std::uint8_t {
   chance,              ///< such a set is to be expected by chance
   runner_up,           ///< another place fits nearly as well
   repeats,             ///< another place fits, and not by chance: the world repeats itself
-  unfit,               ///< a landmark or the prior is not finite, or its covariance is none
+  unfit,               ///< a landmark or the prior is not finite, or its covariance is none; facts are missing
 };
 inline constexpr int rejection_count = 10;
 const char* to_string(Rejection rejection);
@@ -77,13 +78,14 @@ struct AssociationResult {
   Alignment<G> alignment;                   ///< T_a_b of that set
   int support = 0;                          ///< number of pairings
   int runner_up = 0;                        ///< support of the best alignment elsewhere
+  /// Alignments (gcbb, fig5) or places (alignment) as good as this one that are to be expected by chance.
   double expected_false_alarms = 0;
   double chance_pairings = 0.0;       ///< that places beside this one have on average, if that is how it was found
   double log_likelihood_ratio = 0.0;  ///< of the best alignment, if that is how it was found
   double runner_up_log_likelihood_ratio = 0.0;  ///< of the best elsewhere
-  std::size_t candidates = 0;                   ///< pairs that passed the unary constraint
-  std::uint64_t compatible = 0;                 ///< pairs of pairs that passed the binary constraint
-  std::uint64_t nodes = 0;                      ///< of the search tree, or votes
+  std::size_t candidates = 0;    ///< pairs that passed the unary constraint; by alignment, those of the best place
+  std::uint64_t compatible = 0;  ///< pairs of pairs that passed the binary constraint; by alignment 0
+  std::uint64_t nodes = 0;       ///< of the search tree, or votes
 
   /// What is to be stated as facts: the accepted set; if ambiguous both, since which of the two is right may follow
   /// from what other batches say, and that this place has a double is itself worth knowing.

@@ -18,9 +18,10 @@ struct ConstraintParams {
   double compatibility = 0.9999;  ///< chi-square confidence of eq. 5 between vehicles (the paper: 0.95). A start beyond
                                   ///< it is never found, and what looks the same within it would be taken instead
   double loop = 0.99;             ///< the same within a chain, where drift leaves little room for that
-  double heading = 0.9999;        ///< confidence within which a pair of pairings is turned as the prior says
-  double distance = 0.99;         ///< confidence that two distances are the same, 1 dof, from both covariances
-  double min_distance_m = 0.3;    ///< pairs closer than this say nothing about geometry and are not compared
+  // Of largest sets (gcbb, fig5) alone:
+  double heading = 0.9999;      ///< confidence within which a pair of pairings is turned as the prior says
+  double distance = 0.99;       ///< confidence that two distances are the same, 1 dof, from both covariances
+  double min_distance_m = 0.3;  ///< pairs closer than this say nothing about geometry and are not compared
 };
 
 /// Landmarks in the frame of one anchor: its own, in index order, or those of several anchors in a row.

@@ -35,6 +35,8 @@ class Parser {
       ended = fields_[0] == "end";
       if (!ended) keyword(fields_[0]);
     }
+    while (ended && fields_.next_line())
+      if (!fields_.empty()) fields_.refuse("stands after the line 'end'; move that to the bottom");
     if (!ended) throw ConfigError(fields_.name() + ": has no line 'end'; it was cut off: write or fetch it again");
     check_whole();
     if (dim_ == 2) return problem<SE2>();
@@ -77,6 +79,11 @@ class Parser {
       (word == "na" ? count_fresh_ : count_map_) = fields_.id(1);
     } else if (word == "a" || word == "b") {
       (word == "a" ? fresh_ : map_).push_back(landmark());
+    } else if (word != "gate" && word != "sigma") {  // of what made the problem
+      fields_.refuse(
+          "there is no line " + TextFields::quoted(word) +
+          "; there are name, dim, alpha, gate, sigma, bias_mean, bias_cov_diag, drift_a, drift_b, desc_bits, "
+          "desc_max_hamming, na, nb, a, b and end");
     }
   }
 
@@ -124,6 +131,7 @@ class Parser {
     if (variances_.empty()) missing("bias_cov_diag");
     check_count("na", count_fresh_, fresh_);
     check_count("nb", count_map_, map_);
+    check_signatures();
     for (std::vector<RawLandmark>* side : {&fresh_, &map_}) {
       std::ranges::sort(*side, {}, &RawLandmark::id);
       const auto twice = std::ranges::adjacent_find(*side, {}, &RawLandmark::id);
@@ -131,6 +139,15 @@ class Parser {
         fields_.refuse_at(std::next(twice)->line,
                           "landmark " + std::to_string(twice->id) + " is given twice; remove one");
     }
+  }
+
+  // All of them, or none.
+  void check_signatures() const {
+    for (const std::vector<RawLandmark>* side : {&fresh_, &map_})
+      for (const RawLandmark& l : *side)
+        if (l.has_signature != (max_hamming_ >= 0))
+          fields_.refuse_at(l.line, max_hamming_ >= 0 ? "the signature is missing, and there is a line desc_max_hamming"
+                                                      : "has a signature, and there is no line desc_max_hamming");
   }
 
   void check_count(const char* word, std::uint64_t count, const std::vector<RawLandmark>& side) const {
@@ -149,8 +166,7 @@ class Parser {
     p.fresh.anchor = {{2, 1}, 0};
     fill(map_, drift_map_, p.map, p.map_id);
     fill(fresh_, drift_fresh_, p.fresh, p.fresh_id);
-    const auto has_signature = [](const RawLandmark& l) { return l.has_signature; };
-    if (max_hamming_ >= 0 && std::ranges::all_of(map_, has_signature) && std::ranges::all_of(fresh_, has_signature))
+    if (max_hamming_ >= 0)
       p.looks_alike = [max = max_hamming_](const LandmarkFact<G>& i, const LandmarkFact<G>& j) {
         return std::popcount(signature_of(i.descriptor) ^ signature_of(j.descriptor)) <= max;
       };

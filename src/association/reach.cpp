@@ -19,6 +19,12 @@ LandmarkFact<G> seen_from(const RelativePrior<G>& T, LandmarkFact<G> landmark) {
 }
 
 template <class G>
+bool all_complete(const FactStore<G>& store, const Key& anchor, Reach reach) {
+  const std::vector<Key> batches = batches_within(anchor, reach);
+  return std::all_of(batches.begin(), batches.end(), [&](const Key& batch) { return complete(store, batch); });
+}
+
+template <class G>
 std::size_t size_of(const FactStore<G>& store, const Key& anchor, Reach reach) {
   std::size_t size = 0;
   for (const Key& key : batches_within(anchor, reach)) size += store.anchor(key)->landmark_count;
@@ -64,14 +70,19 @@ bool apart(const Key& a, const Key& b, Reach reach) {
 
 template <class G>
 AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
-                               const AssociationParams& params) {
-  if (std::max(size_of(store, a, reach), size_of(store, b, reach)) > params.max_landmarks) {
-    AssociationResult<G> refused;
-    refused.rejection = Rejection::search_cut_off;
-    return refused;
+                               const AssociationParams& params, const LooksAlike<G>& looks_alike) {
+  if (b < a) return associate(store, b, a, reach, params, looks_alike);
+  AssociationResult<G> result;
+  if (!all_complete(store, a, reach) || !all_complete(store, b, reach)) {
+    result.rejection = Rejection::unfit;
+    return result;
   }
-  AssociationResult<G> result =
-      associate(joined_batch(store, a, reach), joined_batch(store, b, reach), relative_prior(store, a, b), params);
+  if (std::max(size_of(store, a, reach), size_of(store, b, reach)) > params.max_landmarks) {
+    result.rejection = Rejection::search_cut_off;
+    return result;
+  }
+  result = associate(joined_batch(store, a, reach), joined_batch(store, b, reach), relative_prior(store, a, b), params,
+                     looks_alike);
   if (reach == Reach::alone) return result;
   result.pairings = between(store, a, b, std::move(result.pairings), params.min_pairings);
   result.runner_up_pairings = between(store, a, b, std::move(result.runner_up_pairings), params.min_pairings);
@@ -96,7 +107,7 @@ std::optional<Reach> next_reach(const AssociationResult<G>& result, const Key& a
 #define CONVOY_INSTANTIATE(G)                                                                 \
   template Batch<G> joined_batch(const FactStore<G>&, const Key&, Reach);                     \
   template AssociationResult<G> associate(const FactStore<G>&, const Key&, const Key&, Reach, \
-                                          const AssociationParams&);                          \
+                                          const AssociationParams&, const LooksAlike<G>&);    \
   template std::optional<Reach> next_reach(const AssociationResult<G>&, const Key&, const Key&, Reach);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

@@ -29,12 +29,13 @@ Batch<G> joined_batch(const FactStore<G>& store, const Key& anchor, Reach reach)
 /// Whether the two of one chain share no batch.
 bool apart(const Key& a, const Key& b, Reach reach);
 
-/// Batches a and b, a < b, each joined with what belongs to `reach`: where they lie on each other is decided by all
-/// landmarks, but what is paired, and may be stated, are those of the batches a and b alone; fewer than `min_pairings`
-/// of them come to `too_few_pairings`. All must be complete(), and apart().
+/// Batches a and b, each joined with what belongs to `reach`: where they lie on each other is decided by all landmarks,
+/// but what is paired, and may be stated, are those of the batches a and b alone; fewer than `min_pairings` of them
+/// come to `too_few_pairings` and no pairings. Everything else in the result is of all that was joined. They must be
+/// apart(); what is not complete() is `unfit`.
 template <class G>
 AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
-                               const AssociationParams& params);
+                               const AssociationParams& params, const LooksAlike<G>& looks_alike = {});
 
 /// The reach to search with next, once those batches are complete; empty if nothing is to be won by it: it is accepted,
 /// too few of the landmarks of the two can be the same, or the world repeats itself there, which is to be stated at

@@ -22,7 +22,7 @@ constexpr std::uint64_t max_nodes = 20'000'000;
 const std::map<std::string, SearchMethod> methods = {
     {"alignment", SearchMethod::alignment}, {"gcbb", SearchMethod::gcbb}, {"fig5", SearchMethod::fig5}};
 
-/// ... and those that cannot: they accept whatever is large enough.
+/// ... and those that cannot: they accept whatever is large enough. They know of no signatures.
 const std::vector<std::string> baselines = {"delaunay", "jcbb", "triplets"};
 
 template <class G>
@@ -36,6 +36,10 @@ AssociationResult<G> by_baseline(const std::string& name, const AssociationProbl
   for (const auto& [i, j] : found.pairings)
     result.pairings.emplace_back(p.map.landmarks[static_cast<std::size_t>(i)].key,
                                  p.fresh.landmarks[static_cast<std::size_t>(j)].key);
+  if (found.cut_off) {
+    result.rejection = Rejection::search_cut_off;
+    return result;
+  }
   const bool large = result.support >= AssociationParams().min_pairings;
   result.decision = large ? Decision::accepted : Decision::none;
   result.rejection = large ? Rejection::not_rejected : Rejection::too_few_pairings;

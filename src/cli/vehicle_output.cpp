@@ -255,7 +255,10 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["facts_relayed"] = s.repair.facts_relayed;
   c["answers_suppressed"] = s.repair.answers_suppressed;
   c["searches"] = s.association.searches;
+  c["search_nodes"] = s.association.search_nodes;
+  c["searches_waiting"] = s.association.waiting;
   c["associations_accepted"] = s.association.accepted;
+  c["associations_already_stated"] = s.association.already_stated;
   for (int i = 1; i < rejection_count; ++i)
     c["associations_rejected"][to_string(static_cast<Rejection>(i))] =
         s.association.rejected[static_cast<std::size_t>(i)];
