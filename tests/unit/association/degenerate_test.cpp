@@ -105,7 +105,11 @@ TEST_P(Degenerate, WhatIsNoNumberOrNoCovarianceIsRefused) {
   EXPECT_EQ(spoilt([](L&, L& l, P&) { l.covariance(0, 0) = -1.0; }), Rejection::unfit);
   EXPECT_EQ(spoilt([](L& l, L&, P&) { l.covariance << 1.0, 2.0, 2.0, 1.0; }), Rejection::unfit);
   EXPECT_EQ(spoilt([](L& l, L&, P&) { l.loading(0, 0) = nan; }), Rejection::unfit);
+  EXPECT_EQ(spoilt([](L& l, L&, P&) { l.loading(0, 0) = 10.0; }), Rejection::unfit) << "more than the covariance";
   EXPECT_EQ(spoilt([](L&, L&, P& p) { p.covariance(2, 2) = -1.0; }), Rejection::unfit);
+  Batch<SE2> drifting = b;
+  drifting.drift_m2_per_m = 1e-4;
+  EXPECT_EQ(associate(a, drifting, Prior(prior), params).rejection, Rejection::unfit) << "no abscissa";
   EXPECT_EQ(spoilt([](L&, L&, P& p) { p.mean = SE2(nan, 0.0, 0.0); }), Rejection::unfit);
 }
 

@@ -106,6 +106,20 @@ TYPED_TEST(ReachIn, FindsByItsNeighboursWhatABatchAloneDoesNot) {
   EXPECT_GE(found[2], 5);
 }
 
+TEST(Reach, TakesTwoBatchesInEitherOrderAndRefusesWhatHasNotArrived) {
+  const test::SparseStreet<SE2> street(1, 0.5, 0.1);
+  const FactStore<SE2> store = street.store();
+  const Key a{street.chain(1), 2}, b{street.chain(2), 2};
+  for (const Reach reach : reaches) {
+    const auto there = associate(store, a, b, reach, AssociationParams{});
+    EXPECT_FALSE(there.pairings.empty());
+    EXPECT_EQ(associate(store, b, a, reach, AssociationParams{}).pairings, there.pairings);
+  }
+  const Key last{street.chain(1), test::SparseStreet<SE2>::stops}, never{street.chain(7), 1};
+  EXPECT_EQ(associate(store, last, b, Reach::with_both, AssociationParams{}).rejection, Rejection::unfit);
+  EXPECT_EQ(associate(store, a, never, Reach::alone, AssociationParams{}).rejection, Rejection::unfit);
+}
+
 TEST(Reach, HugeBatchesAreRefusedWithWhatIsJoined) {
   const test::SparseStreet<SE2> street(1, 0.5, 0.1);
   const FactStore<SE2> store = street.store();
