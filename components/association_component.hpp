@@ -21,10 +21,10 @@ struct AssociationCounters {
   std::uint64_t waiting = 0;  ///< pairs of batches that say too little as yet: they wait for their neighbours
 };
 
-/// A pair of batches is searched when both have arrived in full; if that says too little, or two places fit, it is
-/// searched again joined with its neighbours on the chains (association/reach.hpp) as these arrive, and what was
-/// ambiguous is stated when nothing more is to come. What is stated depends on the facts alone, not on when it looks:
-/// the same facts give the same hypotheses on every vehicle and in every order of arrival.
+/// A pair of batches is searched when both have arrived in full. If two places fit beyond chance, both are stated. If
+/// that says too little, it is searched again joined with its neighbours on the chains (association/reach.hpp) as these
+/// arrive; the last batch of a chain waits for one that may never come. What is stated depends on the facts alone, not
+/// on when it looks: the same facts give the same hypotheses on every vehicle and in every order of arrival.
 template <class G>
 class AssociationComponent {
  public:

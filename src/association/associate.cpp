@@ -218,8 +218,8 @@ class Associator {
   }
 
   // Leaves out pairings that could as well be others, where things stand side by side.
-  std::vector<IndexPairing> without_doubtful(const Alignment<G>& alignment,
-                                             const std::vector<IndexPairing>& pairings) const {
+  std::vector<IndexPairing> without_doubtful(const Alignment<G>& alignment, const std::vector<IndexPairing>& pairings) {
+    result_.nodes += pairings.size() * pairings.size();
     std::vector<IndexPairing> kept;
     for (const IndexPairing& p : pairings)
       if (!doubtful(alignment, pairings, p)) kept.push_back(p);
@@ -359,11 +359,14 @@ struct Vicinity {
     near_b.sort();
     const Eigen::Vector2d margin = Eigen::Vector2d::Constant(reach_m);
     box = {box.min() - margin, box.max() + margin};
+    // What is paired is near however far away it is: an uncertain landmark may agree from anywhere.
+    std::vector<bool> paired(whole_a.landmarks.size(), false);
+    for (const auto& [i, j] : place.pairings) paired[static_cast<std::size_t>(i)] = true;
     std::vector<int> number(whole_a.landmarks.size(), -1);
     for (std::size_t i = 0; i < number.size(); ++i) {
       const Eigen::Vector2d at = whole_a.landmarks[i].position.template head<2>();
-      bool near = false;
-      if (box.contains(at)) near_b.each_near(at, reach_m, [&](int) { near = true; });
+      bool near = paired[i];
+      if (!near && box.contains(at)) near_b.each_near(at, reach_m, [&](int) { near = true; });
       if (!near) continue;
       number[i] = static_cast<int>(a.landmarks.size());
       a.landmarks.push_back(whole_a.landmarks[i]);
@@ -399,7 +402,9 @@ AssociationResult<G> by_alignment(const Batch<G>& a, const Batch<G>& b, const st
   const Vicinity<G> vicinity(a, b, found.candidates.front());
   auto result =
       Associator<G>(vicinity.a, vicinity.b, prior, params, looks_alike).by_alignment(found, vicinity.pairings);
-  if (result.decision == Decision::ambiguous) result.runner_up_pairings = keys_in(a, b, found.candidates[1].pairings);
+  // A second place of too few pairings cannot be stated, and the first without it would pass for sure: then neither is.
+  if (result.decision == Decision::ambiguous && result.runner_up >= params.min_pairings)
+    result.runner_up_pairings = keys_in(a, b, found.candidates[1].pairings);
   return result;
 }
 

@@ -26,7 +26,7 @@ struct AssociationParams {
   AlignmentSearchParams alignment;
   /// Landmarks of a batch of the store, with what is joined with it (reach.hpp); beyond, the answer is "none". No
   /// vehicle sees as many at once, and who says so does not stop the others.
-  std::size_t max_landmarks = 5'000;
+  std::size_t max_landmarks = 500;
   int min_pairings = 5;         ///< fewer never decide anything
   double residual = 0.99;       ///< chi-square confidence of the aligned set
   double pairing = 0.9;         ///< chi-square confidence within which two landmarks agree with an alignment
@@ -85,7 +85,7 @@ struct AssociationResult {
   double runner_up_log_likelihood_ratio = 0.0;  ///< of the best elsewhere
   std::size_t candidates = 0;    ///< pairs that passed the unary constraint; by alignment, those of the best place
   std::uint64_t compatible = 0;  ///< pairs of pairs that passed the binary constraint; by alignment 0
-  std::uint64_t nodes = 0;       ///< of the search tree, or votes
+  std::uint64_t nodes = 0;       ///< of the search tree, or votes; and pairs of pairings weighed against each other
 
   /// What is to be stated as facts: the accepted set; if ambiguous both, since which of the two is right may follow
   /// from what other batches say, and that this place has a double is itself worth knowing.

@@ -7,6 +7,7 @@
 #include <gtest/gtest.h>
 
 #include <limits>
+#include <set>
 #include <string>
 
 namespace convoy {
@@ -111,6 +112,55 @@ TEST_P(Degenerate, WhatIsNoNumberOrNoCovarianceIsRefused) {
   drifting.drift_m2_per_m = 1e-4;
   EXPECT_EQ(associate(a, drifting, Prior(prior), params).rejection, Rejection::unfit) << "no abscissa";
   EXPECT_EQ(spoilt([](L&, L&, P& p) { p.mean = SE2(nan, 0.0, 0.0); }), Rejection::unfit);
+}
+
+// One that is hardly known may agree with what lies far away from everything else.
+TEST_P(Degenerate, AVeryUncertainLandmarkBreaksNothing) {
+  for (const double sigma_m : {3.5, 15.0, 1e3}) {
+    test::Random random(8);
+    test::Points points = test::scattered(random, 6, 6.0);
+    points.emplace_back(20.0, 0.0);
+    const auto a = test::frozen_batch(random, {{1, 1}, 1}, SE2(), points, {0.05, 0.0});
+    auto b = test::frozen_batch(random, {{2, 1}, 1}, SE2(), points, {0.05, 0.0});
+    b.landmarks.back().position.x() += 2.5 * sigma_m;
+    b.landmarks.back().covariance(0, 0) = sigma_m * sigma_m;
+    b.landmarks.back().covariance(0, 1) = b.landmarks.back().covariance(1, 0) = 0.0;
+    AssociationParams params;
+    params.method = GetParam();
+    const auto result = associate(a, b, Prior(RelativePrior<SE2>{SE2(), SE2::Covariance::Identity()}), params);
+    std::set<Key> seen;
+    for (const auto& [i, j] : result.pairings) {
+      if (result.decision == Decision::accepted) {
+        EXPECT_EQ(i.index, j.index);
+      }
+      EXPECT_TRUE(seen.insert(i).second) << "twice";
+    }
+  }
+}
+
+// Of a double that shows too little to be stated, the place with more in view is not to be stated alone.
+TEST_P(Degenerate, ADoubleThatCannotBeStatedLeavesNothingToState) {
+  int ambiguous = 0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    test::Random random(seed);
+    const test::Points pattern = test::scattered(random, 8, 8.0, 2.0);
+    test::Points seen = pattern;
+    for (std::size_t k = 0; k < 4; ++k) seen.emplace_back(pattern[k].x() + 25.0, pattern[k].y());
+    const auto a = test::frozen_batch(random, {{1, 1}, 1}, SE2(), seen, {0.03, 0.01});
+    const auto b = test::frozen_batch(random, {{2, 1}, 1}, SE2(), pattern, {0.03, 0.01});
+    AssociationParams params;
+    params.method = GetParam();
+    const RelativePrior<SE2> prior{SE2(10.0, 0.0, 0.0), Eigen::Vector3d(100.0, 25.0, 0.001).asDiagonal()};
+    const auto result = associate(a, b, Prior(prior), params);
+    ambiguous += result.decision == Decision::ambiguous ? 1 : 0;
+    if (result.decision != Decision::accepted) {
+      EXPECT_NE(result.statements().size(), 1U) << seed;
+    }
+    for (const auto& pairings : result.statements()) EXPECT_GE(pairings.size(), 5U) << seed;
+  }
+  if (GetParam() == SearchMethod::alignment) {
+    EXPECT_GE(ambiguous, 5);
+  }
 }
 
 // The keys name things and do nothing else.
