@@ -62,7 +62,11 @@ template <class G>
 bool complete(const FactStore<G>& store, const Key& anchor) {
   const AnchorFact<G>* fact = store.anchor(anchor);
   if (fact == nullptr || store.prior(anchor.chain) == nullptr) return false;
-  return batch_of(store, anchor).landmarks.size() == fact->landmark_count;
+  const auto& batches = store.chains().at(anchor.chain).batches;
+  const auto batch = batches.find(anchor.index);
+  if (batch == batches.end()) return fact->landmark_count == 0;
+  const auto counted = [&](std::uint32_t index) { return index - fact->first_landmark < fact->landmark_count; };
+  return std::count_if(batch->second.begin(), batch->second.end(), counted) == std::int64_t{fact->landmark_count};
 }
 
 template <class G>
@@ -89,11 +93,8 @@ template <class G>
 Batch<G> batch_of(const FactStore<G>& store, const Key& anchor) {
   Batch<G> batch{anchor, {}};
   const auto& chain = store.chains().at(anchor.chain);
-  const AnchorFact<G>* fact = store.anchor(anchor);
   if (const auto it = chain.batches.find(anchor.index); it != chain.batches.end())
-    for (const std::uint32_t index : it->second)
-      if (fact == nullptr || index - fact->first_landmark < fact->landmark_count)
-        batch.landmarks.push_back(chain.landmarks.at(index));
+    for (const std::uint32_t index : it->second) batch.landmarks.push_back(chain.landmarks.at(index));
   return batch;
 }
 

@@ -43,6 +43,16 @@ std::vector<Pairing> between(const FactStore<G>& store, const Key& a, const Key&
   return pairings;
 }
 
+// Those that its anchor counts: a stray one that names the anchor may come at any time, or never.
+template <class G>
+std::vector<LandmarkFact<G>> counted_landmarks(const FactStore<G>& store, const Key& anchor) {
+  const AnchorFact<G>& fact = *store.anchor(anchor);
+  std::vector<LandmarkFact<G>> landmarks = batch_of(store, anchor).landmarks;
+  std::erase_if(landmarks,
+                [&](const LandmarkFact<G>& l) { return l.key.index - fact.first_landmark >= fact.landmark_count; });
+  return landmarks;
+}
+
 }  // namespace
 
 std::vector<Key> batches_within(const Key& anchor, Reach reach) {
@@ -57,7 +67,7 @@ template <class G>
 Batch<G> joined_batch(const FactStore<G>& store, const Key& anchor, Reach reach) {
   Batch<G> joined{anchor, {}};
   for (const Key& key : batches_within(anchor, reach))
-    for (const LandmarkFact<G>& landmark : batch_of(store, key).landmarks)
+    for (const LandmarkFact<G>& landmark : counted_landmarks(store, key))
       joined.landmarks.push_back(key == anchor ? landmark
                                                : seen_from(relative_prior(store, anchor, key).value(), landmark));
   return joined;

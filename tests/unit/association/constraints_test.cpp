@@ -113,24 +113,6 @@ TEST(BatchOf, IsInIndexOrderWhateverCameFirst) {
   for (std::uint32_t i = 0; i < 4; ++i) EXPECT_EQ(batch.landmarks[i].key.index, 4 + i);
 }
 
-// A landmark that names an anchor and is not among those that the anchor counts belongs to no batch.
-TEST(BatchOf, IsWhatItsAnchorCounts) {
-  test::Store store;
-  store.insert(test::prior(1));
-  auto anchor = test::anchor(1, 1);
-  anchor.first_landmark = 4;
-  anchor.landmark_count = 4;
-  store.insert(anchor);
-  auto stray = test::landmark(1, 500);
-  stray.anchor = 1;
-  store.insert(stray);
-  for (const std::uint32_t i : {6U, 4U, 7U}) store.insert(test::landmark(1, i));
-  EXPECT_FALSE(complete(store, test::key_of(1, 1))) << "four have come, and one of them is none of it";
-  store.insert(test::landmark(1, 5));
-  EXPECT_TRUE(complete(store, test::key_of(1, 1)));
-  EXPECT_EQ(batch_of(store, test::key_of(1, 1)).landmarks.size(), 4U);
-}
-
 TEST(IndividualCompatibility, DrawsTheLineOfEquation5) {
   RelativePrior<SE2> prior{SE2(10.0, -3.0, 0.7), SE2::Covariance::Zero()};
   prior.covariance.diagonal() << 4.0, 1.0, 0.0;

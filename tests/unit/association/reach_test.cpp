@@ -2,6 +2,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include "../sample_facts.hpp"
 #include "sparse_street.hpp"
 
 #include <gtest/gtest.h>
@@ -104,6 +105,24 @@ TYPED_TEST(ReachIn, FindsByItsNeighboursWhatABatchAloneDoesNot) {
   EXPECT_GT(found[0], 0);
   EXPECT_GE(found[1], 10);
   EXPECT_GE(found[2], 5);
+}
+
+// A landmark that names an anchor and is not among those that the anchor counts belongs to no batch.
+TEST(Reach, IsOfWhatTheAnchorsCount) {
+  test::Store store;
+  store.insert(test::prior(1));
+  auto anchor = test::anchor(1, 1);
+  anchor.first_landmark = 4;
+  anchor.landmark_count = 4;
+  store.insert(anchor);
+  auto stray = test::landmark(1, 500);
+  stray.anchor = 1;
+  store.insert(stray);
+  for (const std::uint32_t i : {6U, 4U, 7U}) store.insert(test::landmark(1, i));
+  EXPECT_FALSE(complete(store, test::key_of(1, 1))) << "four have come, and one of them is none of it";
+  store.insert(test::landmark(1, 5));
+  EXPECT_TRUE(complete(store, test::key_of(1, 1)));
+  EXPECT_EQ(joined_batch(store, test::key_of(1, 1), Reach::alone).landmarks.size(), 4U);
 }
 
 TEST(Reach, TakesTwoBatchesInEitherOrderAndRefusesWhatHasNotArrived) {
