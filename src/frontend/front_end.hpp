@@ -34,7 +34,7 @@ struct FrozenLandmark {
   typename G::Loading loading = G::Loading::Zero();  ///< shared part of the error, see LandmarkFact; zero: none stated
   Descriptor descriptor;
   std::uint64_t track =
-      0;  ///< the front end's own name for what it followed; never leaves the vehicle; see remembered()
+      0;                  ///< the front end's own name for what it followed; never leaves the vehicle; see remembered()
   std::uint8_t kind = 0;  ///< what sort of thing it is, see LandmarkFact
 };
 

@@ -114,7 +114,8 @@ struct LandmarkFact {
   /// Cov(l_i, l_j | anchor) = loading_i loading_j^T, and covariance - loading loading^T is what is a landmark's own.
   typename G::Loading loading = G::Loading::Zero();
   Descriptor descriptor;
-  /// What sort of thing it is, by numbers that the fleet has agreed on; 0: not said. Things of two kinds are not the same.
+  /// What sort of thing it is, by numbers that the fleet has agreed on; 0: not said. Things of two kinds are not the
+  /// same.
   std::uint8_t kind = 0;
   Key anchor_key() const { return {key.chain, anchor}; }
   typename G::PointCovariance own_covariance() const { return covariance - loading * loading.transpose(); }

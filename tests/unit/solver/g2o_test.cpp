@@ -111,7 +111,8 @@ INSTANTIATE_TEST_SUITE_P(
                     Damage{VERTICES "EDGE_SE2 0 1 1 0 0 4e9 2e-3 0 1e-15 0 1\n", NOT_DEFINITE},
                     Damage{VERTICES "VERTEX_SE3:QUAT 3 0 0 0 0 0 0 1\n", "3: 2-D and 3-D lines are mixed"},
                     Damage{"VERTEX_SE3:QUAT 3 0 0 0 0 0 0 2\n", "1: the quaternion (qx qy qz qw) has norm"},
-                    Damage{VERTICES "FIX 1\nEDGE_SE2 0 1 1 0 0" UNIT, "3: FIX of vertex 1; only the vertex with the smallest id, 0,"},
+                    Damage{VERTICES "FIX 1\nEDGE_SE2 0 1 1 0 0" UNIT,
+                           "3: FIX of vertex 1; only the vertex with the smallest id, 0,"},
                     Damage{VERTICES "FIX 8\nEDGE_SE2 0 1 1 0 0" UNIT, "3: FIX of vertex 8"}));
 
 TEST(G2o, UnitsOfTheInformationDoNotMatter) {
