@@ -321,7 +321,7 @@ class AlignmentSearch {
   }
 
   struct Agreement {
-    double chi2;
+    double surprise;  // -2 ln of its likelihood, but for a constant
     int i, j;
     double ratio;  // how many times likelier than one of its density by chance
     auto operator<=>(const Agreement&) const = default;
@@ -341,8 +341,10 @@ class AlignmentSearch {
         const PointCovariance S = S_b + in_a(i).covariance;
         const double chi2 = squared_mahalanobis(Point(in_a(i).position - predicted), S);
         if (!(chi2 < fits_chi2_)) return;
-        const double likelihood = std::exp(-0.5 * chi2) / std::sqrt(std::pow(2.0 * M_PI, G::Dim) * S.determinant());
-        all.push_back({chi2, i, j, likelihood / (density(i) * rarity_[static_cast<std::size_t>(j)])});
+        const double volume = S.determinant();
+        const double likelihood = std::exp(-0.5 * chi2) / std::sqrt(std::pow(2.0 * M_PI, G::Dim) * volume);
+        all.push_back(
+            {chi2 + std::log(volume), i, j, likelihood / (density(i) * rarity_[static_cast<std::size_t>(j)])});
       });
     }
     std::sort(all.begin(), all.end());

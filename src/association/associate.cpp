@@ -235,8 +235,12 @@ class Associator {
     const auto outside = align(a_, b_, far);
     if (!outside) return true;
     const double margin = chi2_quantile(params_.separation, G::Dim);
-    const auto confusable = [&](int i, int j) { return residual_chi2(*outside, in_a(i), in_b(j)) < doubt_chi2_; };
-    const auto fit = [&](int i, int j) { return residual_chi2(alignment, in_a(i), in_b(j)); };
+    const double spread = log_volume(*outside, p.first, p.second);
+    const auto confusable = [&](int i, int j) {
+      const double chi2 = residual_chi2(*outside, in_a(i), in_b(j));
+      return chi2 < doubt_chi2_ && chi2 + log_volume(*outside, i, j) < doubt_chi2_ + spread;
+    };
+    const auto fit = [&](int i, int j) { return surprise(alignment, i, j); };
     std::vector<bool> paired_a(a_.landmarks.size(), false), paired_b(b_.landmarks.size(), false);
     for (const auto& [i, j] : pairings)
       paired_a[static_cast<std::size_t>(i)] = paired_b[static_cast<std::size_t>(j)] = true;
@@ -250,6 +254,16 @@ class Associator {
       if (exchanged < fit(p.first, p.second) + fit(q.first, q.second) + margin) return true;
     }
     return false;
+  }
+
+  // ln det of what a residual may be by its covariance.
+  double log_volume(const Alignment<G>& alignment, int i, int j) const {
+    return std::log(residual_covariance(alignment, in_a(i), in_b(j)).determinant());
+  }
+
+  // -2 ln of the likelihood of a pair, but for a constant. By chi-square alone what is hardly known would fit best.
+  double surprise(const Alignment<G>& alignment, int i, int j) const {
+    return residual_chi2(alignment, in_a(i), in_b(j)) + log_volume(alignment, i, j);
   }
 
   // Too close for their own covariances to tell them apart.
@@ -268,19 +282,19 @@ class Associator {
 
   std::vector<IndexPairing> pairs_agreeing_with(const Alignment<G>& alignment) const {
     struct Scored {
-      double chi2;
+      double surprise;
       IndexPairing pairing;
       auto operator<=>(const Scored&) const = default;
     };
     std::vector<Scored> scored;
     for (const auto& [i, j] : candidates_) {
       const double chi2 = residual_chi2(alignment, in_a(i), in_b(j));
-      if (chi2 < gate_chi2_) scored.push_back({chi2, {i, j}});
+      if (chi2 < gate_chi2_) scored.push_back({chi2 + log_volume(alignment, i, j), {i, j}});
     }
     std::sort(scored.begin(), scored.end());
     std::vector<bool> used_a(a_.landmarks.size(), false), used_b(b_.landmarks.size(), false);
     std::vector<IndexPairing> pairings;
-    for (const auto& [chi2, pairing] : scored) {
+    for (const auto& [surprise, pairing] : scored) {
       auto&& ua = used_a[static_cast<std::size_t>(pairing.first)];
       auto&& ub = used_b[static_cast<std::size_t>(pairing.second)];
       if (ua || ub) continue;
@@ -424,6 +438,26 @@ bool is_fit(const std::optional<RelativePrior<G>>& prior) {
                     is_covariance(prior->covariance));
 }
 
+// Without what is ten times less certain than most (and than 5 cm): it agrees with anything and says nothing. Empty if
+// there is none.
+template <class G>
+std::optional<Batch<G>> without_loose(const Batch<G>& batch) {
+  const auto variance_m2 = [](const LandmarkFact<G>& l) { return l.covariance.trace() / G::Dim; };
+  std::vector<double> all;
+  for (const auto& l : batch.landmarks) all.push_back(variance_m2(l));
+  const auto middle = all.begin() + static_cast<std::ptrdiff_t>(all.size() / 2);
+  std::nth_element(all.begin(), middle, all.end());
+  const double most_m2 = 100.0 * std::max(0.05 * 0.05, *middle);
+  if (std::none_of(all.begin(), all.end(), [&](double x) { return x > most_m2; })) return std::nullopt;
+  Batch<G> kept{batch.anchor, {}, {}, batch.drift_m2_per_m};
+  for (std::size_t k = 0; k < batch.landmarks.size(); ++k) {
+    if (variance_m2(batch.landmarks[k]) > most_m2) continue;
+    kept.landmarks.push_back(batch.landmarks[k]);
+    if (!batch.abscissa_m.empty()) kept.abscissa_m.push_back(batch.abscissa_m[k]);
+  }
+  return kept;
+}
+
 template <class G>
 AssociationResult<G> refused(Rejection reason) {
   AssociationResult<G> result;
@@ -506,8 +540,11 @@ template <class G>
 AssociationResult<G> associate(const Batch<G>& a, const Batch<G>& b, const std::optional<RelativePrior<G>>& prior,
                                const AssociationParams& params, const LooksAlike<G>& looks_alike) {
   const auto enough = static_cast<std::size_t>(params.min_pairings);
-  if (a.landmarks.size() < enough || b.landmarks.size() < enough) return refused<G>(Rejection::too_few_candidates);
+  const auto is_small = [&](const Batch<G>& batch) { return batch.landmarks.size() < enough; };
+  if (is_small(a) || is_small(b)) return refused<G>(Rejection::too_few_candidates);
   if (!is_fit(a) || !is_fit(b) || !is_fit(prior)) return refused<G>(Rejection::unfit);
+  if (const auto less = without_loose(a)) return associate(*less, b, prior, params, looks_alike);
+  if (const auto less = without_loose(b)) return associate(a, *less, prior, params, looks_alike);
   const LooksAlike<G> alike = both<G>(alike_by_appearance(a, b, params.min_similarity), looks_alike);
   if (params.method == SearchMethod::alignment && has_level(prior)) return by_alignment(a, b, prior, params, alike);
   return Associator<G>(a, b, prior, params, alike).by_largest_set();
