@@ -15,19 +15,19 @@ AssociationComponent<G>::AssociationComponent(SubmapManager<G>& manager, const A
 
 template <class G>
 int AssociationComponent<G>::step(int max_searches, std::uint64_t max_nodes) {
-  queue_new_batches();
+  find_new_batches();
   const std::uint64_t before = counters_.search_nodes;
   int done = 0;
-  for (; done < max_searches && !queue_.empty() && counters_.search_nodes - before < max_nodes; ++done) {
-    const Search next = queue_.back();
-    queue_.pop_back();
-    run(next);
+  for (; done < max_searches && counters_.search_nodes - before < max_nodes; ++done) {
+    const std::optional<Search> search = next();
+    if (!search) break;
+    run(*search);
   }
   return done;
 }
 
 template <class G>
-void AssociationComponent<G>::queue_new_batches() {
+void AssociationComponent<G>::find_new_batches() {
   const FactStore<G>& store = manager_.store();
   if (store.revision() == revision_) return;
   revision_ = store.revision();
@@ -36,7 +36,10 @@ void AssociationComponent<G>::queue_new_batches() {
       const Key batch{id, index};
       if (known_.count(batch) || !complete(store, batch)) continue;
       known_.insert(batch);
-      if (static_cast<int>(anchor.landmark_count) >= params_.min_pairings) queue_against_others(batch);
+      if (static_cast<int>(anchor.landmark_count) >= params_.min_pairings) {
+        rounds_.push_back({batch, searched_.size()});
+        searched_.push_back(batch);
+      }
       if (const auto ready = waiting_.extract(batch))
         for (const Search& search : ready.mapped()) {
           --counters_.waiting;
@@ -47,12 +50,23 @@ void AssociationComponent<G>::queue_new_batches() {
 
 // Every vehicle answers for its own batches, of earlier epochs too.
 template <class G>
-void AssociationComponent<G>::queue_against_others(const Key& batch) {
+auto AssociationComponent<G>::next() -> std::optional<Search> {
+  if (!queue_.empty()) {
+    const Search search = queue_.back();
+    queue_.pop_back();
+    return search;
+  }
   const VehicleId self = manager_.self().vehicle;
-  for (const Key& other : searched_)
-    if (batch.chain.vehicle == self || other.chain.vehicle == self)
-      queue_.push_back({std::min(batch, other), std::max(batch, other)});
-  searched_.push_back(batch);
+  while (!rounds_.empty()) {
+    auto& [batch, left] = rounds_.back();
+    while (left > 0) {
+      const Key& other = searched_[--left];
+      if (batch.chain.vehicle == self || other.chain.vehicle == self)
+        return Search{std::min(batch, other), std::max(batch, other)};
+    }
+    rounds_.pop_back();
+  }
+  return std::nullopt;
 }
 
 // Or lets it wait for the first batch that it lacks.

@@ -7,6 +7,7 @@
 
 #include <array>
 #include <map>
+#include <optional>
 #include <set>
 #include <vector>
 
@@ -32,7 +33,7 @@ class AssociationComponent {
   /// asked of every pair that the prior allows, so it should take no longer than a few nanoseconds.
   AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params, LooksAlike<G> looks_alike = {});
 
-  /// Does at most `max_searches` of what is due, what came last first, and no more once they have come to `max_nodes`
+  /// Does at most `max_searches` of what is due, what waited and can be done now before what came last, and no more once they have come to `max_nodes`
   /// (about 10 ms). Returns how many it did; 0: nothing left to do.
   int step(int max_searches = 8, std::uint64_t max_nodes = 100'000);
 
@@ -43,8 +44,12 @@ class AssociationComponent {
     Key a, b;  // a < b
     Reach reach = Reach::alone;
   };
-  void queue_new_batches();
-  void queue_against_others(const Key& batch);
+  struct Round {
+    Key batch;
+    std::size_t left;  // how many of `searched_` it is still to be compared with, the last of them first
+  };
+  void find_new_batches();
+  std::optional<Search> next();
   void queue(const Search& search);
   void run(const Search& search);
 
@@ -53,7 +58,8 @@ class AssociationComponent {
   LooksAlike<G> looks_alike_;
   std::set<Key> known_;                         // complete batches seen so far
   std::vector<Key> searched_;                   // those of them that are large enough to decide anything
-  std::vector<Search> queue_;                   // newest last
+  std::vector<Round> rounds_;                   // newest last; one per batch, however many there are to compare it with
+  std::vector<Search> queue_;                   // joined with neighbours that have arrived: before anything else
   std::map<Key, std::vector<Search>> waiting_;  // by a batch that is not complete yet
   std::uint64_t revision_ = 0;
   AssociationCounters counters_;

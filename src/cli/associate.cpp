@@ -63,9 +63,25 @@ std::string result_text(const AssociationProblem<G>& problem, const AssociationR
     std::snprintf(line, sizeof line, format, values...);
     text += line;
   };
-  for (const auto& [of_map, of_fresh] : result.pairings)
-    add("pair %llu %llu\n", static_cast<unsigned long long>(problem.fresh_id[of_fresh.index]),
-        static_cast<unsigned long long>(problem.map_id[of_map.index]));
+  const auto add_pairs = [&](const char* word, const std::vector<Pairing>& pairings) {
+    for (const auto& [of_map, of_fresh] : pairings)
+      add("%s %llu %llu\n", word, static_cast<unsigned long long>(problem.fresh_id[of_fresh.index]),
+          static_cast<unsigned long long>(problem.map_id[of_map.index]));
+  };
+  const auto add_row = [&](const char* word, const auto& values) {
+    add("%s", word);
+    for (const double x : values) add(" %.9g", x);
+    add("\n");
+  };
+  add_pairs("pair", result.pairings);
+  add_pairs("runner_up_pair", result.runner_up_pairings);
+  if (result.alignment.dof > 0) {  // of the submap a in the frame of the map b
+    const G& T = result.alignment.T_a_b;
+    typename G::Tangent motion = G::from_rotation(T.rotation(), G::Point::Zero()).Log();
+    motion.template head<G::Dim>() = T.translation();
+    add_row("transform", motion);
+    add_row("transform_covariance", result.alignment.covariance().reshaped());
+  }
   add("time_ms %.3f\n", ms);
   add("verdict %s\n", result.decision == Decision::accepted ? "accept" : "refuse");
   add("decision %s\n", to_string(result.decision));

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
@@ -55,6 +56,14 @@ TEST_F(AssociateCommand, WritesPairsByTheIdsOfTheFileAndAVerdict) {
       EXPECT_THAT(result, HasSubstr("pair " + std::to_string(k) + " " + std::to_string(100 + k) + "\n")) << method;
     if (method == "alignment") {
       EXPECT_THAT(result, HasSubstr("verdict accept\n"));
+      double x = 0.0, y = 0.0, yaw = 1.0;
+      const auto at = result.find("\ntransform ");
+      ASSERT_NE(at, std::string::npos);
+      ASSERT_EQ(std::sscanf(result.c_str() + at, " transform %lf %lf %lf", &x, &y, &yaw), 3);
+      EXPECT_NEAR(x, 0.5, 1e-6);
+      EXPECT_NEAR(y, -0.3, 1e-6);
+      EXPECT_NEAR(yaw, 0.0, 1e-6);
+      EXPECT_THAT(result, HasSubstr("\ntransform_covariance "));
     }
   }
 }
