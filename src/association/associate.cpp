@@ -87,7 +87,7 @@ class Associator {
     result_.candidates = candidates_.size();
     if (candidates_.size() > params_.max_candidates) return reject(Rejection::search_cut_off);
     if (static_cast<int>(candidates_.size()) < params_.min_pairings) return reject(Rejection::too_few_candidates);
-    const DistanceTable table_a(a_, used_of_a()), table_b(b_, used_of_b());
+    const DistanceTable table_a(a_, used_of(a_, &IndexPairing::first)), table_b(b_, used_of(b_, &IndexPairing::second));
     const DistanceCompatibility distance(table_a, table_b, params_.constraints);
     const HeadingCompatibility<G> heading(a_, b_, table_a, table_b, prior_, params_.constraints.heading);
     const auto binary = [&](int i1, int j1, int i2, int j2) {
@@ -176,14 +176,10 @@ class Associator {
         if (unary(in_a(i), in_b(j)) && alike(i, j)) candidates_.emplace_back(i, j);
   }
 
-  std::vector<bool> used_of_a() const {
-    std::vector<bool> used(a_.landmarks.size(), false);
-    for (const auto& [i, j] : candidates_) used[static_cast<std::size_t>(i)] = true;
-    return used;
-  }
-  std::vector<bool> used_of_b() const {
-    std::vector<bool> used(b_.landmarks.size(), false);
-    for (const auto& [i, j] : candidates_) used[static_cast<std::size_t>(j)] = true;
+  // Which landmarks of one of the two are part of a candidate.
+  std::vector<bool> used_of(const Batch<G>& batch, int IndexPairing::*side) const {
+    std::vector<bool> used(batch.landmarks.size(), false);
+    for (const IndexPairing& p : candidates_) used[static_cast<std::size_t>(p.*side)] = true;
     return used;
   }
 
