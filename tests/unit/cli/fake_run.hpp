@@ -48,6 +48,19 @@ inline void write(const std::filesystem::path& file, const std::string& text) {
   std::ofstream(file, std::ios::binary) << text;
 }
 
+/// A file of a recording that is missing or spoilt, and what a loader says of it after the file's name.
+struct Damage {
+  const char* file;
+  const char* content;  ///< nullptr: the file is missing
+  const char* message;
+
+  void apply(const std::filesystem::path& folder) const {
+    std::filesystem::remove(folder / file);
+    if (content) write(folder / file, content);
+  }
+  std::string refusal() const { return std::string(file) + ":" + message; }
+};
+
 inline std::string read(const std::filesystem::path& file) {
   std::stringstream text;
   text << std::ifstream(file, std::ios::binary).rdbuf();

@@ -50,37 +50,30 @@ TEST(Mrclam, LoadsAndCountsWhatItDrops) {
   EXPECT_EQ(scenario.common_frame_vehicle, 1U);
 }
 
-struct Damage {
-  const char* file;
-  const char* content;  ///< nullptr: the file is missing
-  const char* message;
-};
-
-class DamagedMrclam : public testing::TestWithParam<Damage> {};
+class DamagedMrclam : public testing::TestWithParam<test::Damage> {};
 
 TEST_P(DamagedMrclam, IsRefusedWithFileAndLine) {
   const TemporaryFolder folder;
   write_small_set(folder.path());
-  fs::remove(folder / GetParam().file);
-  if (GetParam().content) test::write(folder / GetParam().file, GetParam().content);
-  EXPECT_THAT(config_error_of([&] { load_mrclam(folder.path()); }),
-              HasSubstr(std::string(GetParam().file) + ":" + GetParam().message));
+  GetParam().apply(folder.path());
+  EXPECT_THAT(config_error_of([&] { load_mrclam(folder.path()); }), HasSubstr(GetParam().refusal()));
 }
 
 INSTANTIATE_TEST_SUITE_P(
     Mrclam, DamagedMrclam,
-    testing::Values(Damage{"Landmark_Groundtruth.dat", nullptr, " no such file"},
-                    Damage{"Robot1_Measurement.dat", nullptr, " no such file"},
-                    Damage{"Barcodes.dat", "1 5\n2 5\n", "2: this barcode is given twice"},
-                    Damage{"Barcodes.dat", "21 5\n", "1: the subject must be 1 to 20"},
-                    Damage{"Landmark_Groundtruth.dat", "5 1 2 0 0\n", "1: the subject of a landmark must be 6 to 20"},
-                    Damage{"Robot1_Odometry.dat", "1000.5 0.1 0.0\n1000.6 0.", "2: the last line has no line end"},
-                    Damage{"Robot1_Odometry.dat", "1000.5 0.1 0.0\n1000.6 0.1\n", "2: the line has 2 fields"},
-                    Damage{"Robot1_Odometry.dat", "1000.5 0.1 fast\n", "1: field 3 is 'fast'"},
-                    Damage{"Robot1_Odometry.dat", "1000.5 0.1 0\n990 0.1 0\n", "2: time steps back by 10.5"},
-                    Damage{"Robot1_Odometry.dat", "# nothing\n", " holds no odometry"},
-                    Damage{"Robot1_Measurement.dat", "1000.6 72 -1 0.1\n", "1: the range must be above 0"},
-                    Damage{"Robot1_Groundtruth.dat", "1000 1 1 nan\n", "1: field 4 is 'nan'"}));
+    testing::Values(
+        test::Damage{"Landmark_Groundtruth.dat", nullptr, " no such file"},
+        test::Damage{"Robot1_Measurement.dat", nullptr, " no such file"},
+        test::Damage{"Barcodes.dat", "1 5\n2 5\n", "2: this barcode is given twice"},
+        test::Damage{"Barcodes.dat", "21 5\n", "1: the subject must be 1 to 20"},
+        test::Damage{"Landmark_Groundtruth.dat", "5 1 2 0 0\n", "1: the subject of a landmark must be 6 to 20"},
+        test::Damage{"Robot1_Odometry.dat", "1000.5 0.1 0.0\n1000.6 0.", "2: the last line has no line end"},
+        test::Damage{"Robot1_Odometry.dat", "1000.5 0.1 0.0\n1000.6 0.1\n", "2: the line has 2 fields"},
+        test::Damage{"Robot1_Odometry.dat", "1000.5 0.1 fast\n", "1: field 3 is 'fast'"},
+        test::Damage{"Robot1_Odometry.dat", "1000.5 0.1 0\n990 0.1 0\n", "2: time steps back by 10.5"},
+        test::Damage{"Robot1_Odometry.dat", "# nothing\n", " holds no odometry"},
+        test::Damage{"Robot1_Measurement.dat", "1000.6 72 -1 0.1\n", "1: the range must be above 0"},
+        test::Damage{"Robot1_Groundtruth.dat", "1000 1 1 nan\n", "1: field 4 is 'nan'"}));
 
 TEST(Mrclam, RefusesAFolderThatIsNone) {
   const TemporaryFolder folder;

@@ -139,37 +139,30 @@ TEST(VictoriaPark, PriorsAreOffBySeededDraws) {
   }
 }
 
-struct Damage {
-  const char* file;
-  const char* content;  ///< nullptr: the file is missing
-  const char* message;
-};
-
-class DamagedVictoriaPark : public testing::TestWithParam<Damage> {};
+class DamagedVictoriaPark : public testing::TestWithParam<test::Damage> {};
 
 TEST_P(DamagedVictoriaPark, IsRefusedWithFileAndLine) {
   const TemporaryFolder folder;
   write_small_set(folder.path());
-  fs::remove(folder / GetParam().file);
-  if (GetParam().content) test::write(folder / GetParam().file, GetParam().content);
-  EXPECT_THAT(config_error_of([&] { load_victoria_park(folder.path(), 1); }),
-              HasSubstr(std::string(GetParam().file) + ":" + GetParam().message));
+  GetParam().apply(folder.path());
+  EXPECT_THAT(config_error_of([&] { load_victoria_park(folder.path(), 1); }), HasSubstr(GetParam().refusal()));
 }
 
 INSTANTIATE_TEST_SUITE_P(
     VictoriaPark, DamagedVictoriaPark,
-    testing::Values(Damage{"odometry.csv", nullptr, " no such file"}, Damage{"gps.csv", nullptr, " no such file"},
-                    Damage{"tree_detections.csv", nullptr, " no such file"},
-                    Damage{"odometry.csv", "t_s,speed_mps,steering_rad\n", " holds too little odometry"},
-                    Damage{"odometry.csv", "t_s,speed_mps,steering_rad\n2,1,0\n1,1,0\n", "3: time runs backwards"},
-                    Damage{"odometry.csv", "t_s,speed_mps,steering_rad\n2,1,left\n", "2: field 3 is 'left'"},
-                    Damage{"gps.csv", "t_s,east_m,north_m\n2,1,1\n1,1,1\n", "3: time runs backwards"},
-                    Damage{"gps.csv", "t_s,east_m,north_m\n", " says too little of vehicle 1"},
-                    Damage{"tree_detections.csv", "t_s,range_m,bearing_rad,diameter_m\n1,-2,0,1\n",
-                           "2: the range must be above 0"},
-                    Damage{"tree_detections.csv", "t_s,range_m,bearing_rad,diameter_m\n1,2,,1\n", "2: field 3 is ''"},
-                    Damage{"tree_detections.csv", "t_s,range_m,bearing_rad,diameter_m\n1,2,0",
-                           "2: the last line has no line end"}));
+    testing::Values(
+        test::Damage{"odometry.csv", nullptr, " no such file"}, test::Damage{"gps.csv", nullptr, " no such file"},
+        test::Damage{"tree_detections.csv", nullptr, " no such file"},
+        test::Damage{"odometry.csv", "t_s,speed_mps,steering_rad\n", " holds too little odometry"},
+        test::Damage{"odometry.csv", "t_s,speed_mps,steering_rad\n2,1,0\n1,1,0\n", "3: time runs backwards"},
+        test::Damage{"odometry.csv", "t_s,speed_mps,steering_rad\n2,1,left\n", "2: field 3 is 'left'"},
+        test::Damage{"gps.csv", "t_s,east_m,north_m\n2,1,1\n1,1,1\n", "3: time runs backwards"},
+        test::Damage{"gps.csv", "t_s,east_m,north_m\n", " says too little of vehicle 1"},
+        test::Damage{"tree_detections.csv", "t_s,range_m,bearing_rad,diameter_m\n1,-2,0,1\n",
+                     "2: the range must be above 0"},
+        test::Damage{"tree_detections.csv", "t_s,range_m,bearing_rad,diameter_m\n1,2,,1\n", "2: field 3 is ''"},
+        test::Damage{"tree_detections.csv", "t_s,range_m,bearing_rad,diameter_m\n1,2,0",
+                     "2: the last line has no line end"}));
 
 TEST(VictoriaPark, RefusesAFolderThatIsNone) {
   const TemporaryFolder folder;

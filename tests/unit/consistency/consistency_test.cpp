@@ -185,13 +185,15 @@ TEST(Consistency, NoFalseSetEntersTheMap) {
   }
 }
 
-// Every shift by a period fits. With the first batches alone, with some, and with all: nothing is fused wrongly, and
+// Every shift by a period fits, and where the vehicles start one period apart the false one lines batches up whole, the
+// true one splits each over two. With the first batches alone, with some, and with all: nothing is fused wrongly, and
 // the vehicles stay apart rather than being put where they might be.
 TEST(Consistency, AStreetThatRepeatsItselfIsNotGuessed) {
-  for (const double repeat_m : {20.0, 30.0}) {
+  for (const auto& [repeat_m, gap_m] : {std::pair(20.0, 20.0), std::pair(30.0, 20.0), std::pair(30.0, 30.0)}) {
     EkfSlamParams params;
     params.path = Path::straight;
     params.repeat_m = repeat_m;
+    params.gap_m = gap_m;
     for (const std::size_t batches : {1U, 2U, 4U, 100U}) {
       const Summary s = summarise(each_run(slam_runs / 2,
                                            [&](int run) {
