@@ -33,8 +33,8 @@ class AssociationComponent {
   /// asked of every pair that the prior allows, so it should take no longer than a few nanoseconds.
   AssociationComponent(SubmapManager<G>& manager, const AssociationParams& params, LooksAlike<G> looks_alike = {});
 
-  /// Does at most `max_searches` of what is due, what waited and can be done now before what came last, and no more once they have come to `max_nodes`
-  /// (about 10 ms). Returns how many it did; 0: nothing left to do.
+  /// Does at most `max_searches` of what is due (what waited and can be done now, then what came last), and no more
+  /// once they have come to `max_nodes` (about 10 ms). Returns how many it did; 0: nothing left to do.
   int step(int max_searches = 8, std::uint64_t max_nodes = 100'000);
 
   const AssociationCounters& counters() const { return counters_; }

@@ -225,7 +225,7 @@ class AlignmentSearch {
     return prior_.mean * G::from_rotation(turn.rotation(), centre_ - turn * centre_);  // about the centre
   }
 
-  // False if the budget does not suffice, by what the middle heading takes.
+  // False if the budget does not suffice: by what the middle heading takes, or as it is used up.
   bool propose() {
     std::uint64_t middle = 0;
     const G T = turned(0);
@@ -235,7 +235,8 @@ class AlignmentSearch {
       result_.cut_off = true;
       return false;
     }
-    for (int heading = -sides_; heading <= sides_; ++heading) vote(heading);
+    for (int heading = -sides_; heading <= sides_ && !result_.cut_off; ++heading) vote(heading);
+    if (result_.cut_off) return false;
     std::sort_heap(proposals_.begin(), proposals_.end());
     keep_the_highest();
     return true;
@@ -246,6 +247,8 @@ class AlignmentSearch {
     const int storeys = G::Dim == 2 ? 1 : 2;
     const G T = turned(heading);
     for (int j = 0; j < size_b(); ++j) {
+      result_.cut_off = result_.votes > params_.max_votes;
+      if (result_.cut_off) return;
       const Point predicted = T * in_b(j).position;
       const PointCovariance within = room_for(T, in_b(j).position);
       index_.each_near(predicted.template head<2>(), reach_m_, [&](int i) {
@@ -465,18 +468,35 @@ class AlignmentSearch {
     middle_m_ = 0.0;
     for (const auto& [i, j] : here.pairings) middle_m_ += abscissa(j) / static_cast<double>(here.pairings.size());
     const double share = likelihood(agreements(here.T_a_b, here.covariance)).share;
-    constexpr int places = 24;
-    constexpr double farthest_m = 2.5, golden_angle_rad = 2.39996322972865332;
-    std::int64_t found = 0;
-    for (int k = 0; k < places; ++k) {
-      const double radius_m = 2.0 * square_m_ + farthest_m * k / places, angle_rad = k * golden_angle_rad;
+    const auto found_beside = [&](const Eigen::Vector2d& by) {
       Point shift = Point::Zero();
-      shift.template head<2>() << radius_m * std::cos(angle_rad), radius_m * std::sin(angle_rad);
+      shift.template head<2>() = by;
       const G beside = G::from_rotation(here.T_a_b.rotation(), here.T_a_b.translation() + shift);
       const auto pairs = agreements(beside, here.covariance);
-      found += std::count_if(pairs.begin(), pairs.end(), [&](const Agreement& p) { return is_likely(p, share); });
+      return std::count_if(pairs.begin(), pairs.end(), [&](const Agreement& p) { return is_likely(p, share); });
+    };
+    constexpr int places = 24;
+    constexpr double farthest_m = 2.5, golden_angle_rad = 2.39996322972865332;
+    const Eigen::Vector2d along = here.T_a_b.rotation().template topLeftCorner<2, 2>() * long_axis(here);
+    std::int64_t around = 0, on_line = 0;
+    for (int k = 0; k < places; ++k) {
+      const double radius_m = 2.0 * square_m_ + farthest_m * k / places, angle_rad = k * golden_angle_rad;
+      around += found_beside(radius_m * Eigen::Vector2d(std::cos(angle_rad), std::sin(angle_rad)));
+      on_line += found_beside((k % 2 == 0 ? radius_m : -radius_m) * along);
     }
-    return static_cast<double>(found) / places;
+    return static_cast<double>(std::max(around, on_line)) / places;
+  }
+
+  // Of what is paired, in the frame of b.
+  Eigen::Vector2d long_axis(const CandidateAlignment<G>& here) const {
+    Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+    Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
+    for (const auto& [i, j] : here.pairings) mean += in_b(j).position.template head<2>() / double(here.pairings.size());
+    for (const auto& [i, j] : here.pairings) {
+      const Eigen::Vector2d d = in_b(j).position.template head<2>() - mean;
+      scatter += d * d.transpose();
+    }
+    return Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(scatter).eigenvectors().col(1);
   }
 
   bool is_likely(const Agreement& p, double share) const { return share * p.ratio > params_.min_odds * (1.0 - share); }

@@ -38,8 +38,8 @@ struct AssociationParams {
   // Of the likeliest places (alignment), beside `alignment`:
   double max_chance_places = 0.1;  ///< at most so many places as likely are to be expected by chance
   /// The share of its log ratio that the best place elsewhere has, and the share of its pairings that places beside it
-  /// have on average, may come to so much together, (0, 1].
-  double max_doubt = 0.75;
+  /// have on average, around it or along what is paired (a wall, a row), may come to so much together, (0, 1].
+  double max_doubt = 0.77;
   // Of largest sets (gcbb, fig5):
   std::uint64_t max_nodes = 200'000;    ///< of the search tree; beyond, the answer is "none"
   std::size_t max_candidates = 20'000;  ///< pairs that may be paired; the same

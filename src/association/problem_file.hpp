@@ -9,7 +9,8 @@
 //   a ID x y [z] C.. s [HEX]            a new landmark: upper triangle of its covariance row by row, abscissa [m]
 //   b ID x y [z] C.. s [HEX]            a landmark of the map
 //   end
-// R(bias) = Rz(yaw) Ry(pitch) Rx(roll). Other keywords are passed over.
+// R(bias) = Rz(yaw) Ry(pitch) Rx(roll). Other keywords are refused. Both maps should have their origin near by: beyond
+// some 100 km, rounding leaves nothing of an alignment, and the answer is none.
 #pragma once
 
 #include <convoy/association/constraints.hpp>

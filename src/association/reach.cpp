@@ -110,7 +110,8 @@ std::optional<Reach> next_reach(const AssociationResult<G>& result, const Key& a
   const bool weak = result.rejection == Rejection::chance || result.rejection == Rejection::runner_up ||
                     result.rejection == Rejection::geometry;
   if (!weak || reach == Reach::with_both) return std::nullopt;
-  const Reach next = reach == Reach::alone ? Reach::with_previous : Reach::with_both;
+  const bool first = a.index == 0 && b.index == 0;  // nothing lies before them
+  const Reach next = reach == Reach::alone && !first ? Reach::with_previous : Reach::with_both;
   return apart(a, b, next) ? std::optional(next) : std::nullopt;
 }
 

@@ -139,6 +139,34 @@ TYPED_TEST(AlignmentSearches, ChanceIsNotTakenForAPlace) {
   EXPECT_EQ(accepted, 0);
 }
 
+// Along a wall whatever is laid onto it finds partners; the disc around each of its landmarks is mostly empty.
+TYPED_TEST(AlignmentSearches, AlongAWallPartnersAreChance) {
+  using G = TypeParam;
+  double chance = 0.0;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    test::Random random(seed);
+    const auto wall = [&](VehicleId v, std::size_t size, const G& T) {
+      test::PointsOf<G> points;
+      for (std::size_t k = 0; k < size; ++k) {
+        typename G::Point p = G::Point::Zero();
+        p.x() = random.uniform(-30.0, 30.0);
+        if constexpr (G::Dim == 3) p.z() = random.uniform(0.0, 6.0);
+        points.push_back(p);
+      }
+      return test::frozen_batch(random, {{v, 1}, 0}, T, points, {0.1, 0.0});
+    };
+    const Batch<G> a = wall(1, 120, G()), b = wall(2, 20, Street<G>::level(3.0, 2.0, 0.1));
+    typename G::Tangent sigma = G::Tangent::Constant(0.02);
+    sigma.template head<2>().setConstant(9.0);
+    sigma[G::Dof - 1] = 0.15;
+    const std::optional<RelativePrior<G>> prior =
+        RelativePrior<G>{Street<G>::level(5.0, 0.0, 0.05), sigma.cwiseAbs2().asDiagonal()};
+    const auto found = find_alignments(a, b, prior, confidence, AlignmentSearchParams{});
+    chance += found.chance_pairings / 20.0;
+  }
+  EXPECT_GE(chance, 1.0);
+}
+
 TYPED_TEST(AlignmentSearches, AMapThatRepeatsIsAmbiguous) {
   using G = TypeParam;
   AssociationParams params;
@@ -197,6 +225,28 @@ TYPED_TEST(AlignmentSearches, MoreThanTheBudgetIsCutOff) {
   all.method = SearchMethod::alignment;
   all.alignment = params;
   EXPECT_EQ(associate(s.map, s.batch, prior, all).rejection, Rejection::search_cut_off);
+}
+
+// A batch far from the point that the prior turns it about: the middle heading sees nothing, others see everything.
+TYPED_TEST(AlignmentSearches, TheBudgetHoldsWhateverTheMiddleHeadingSees) {
+  using G = TypeParam;
+  test::Random random(4);
+  const test::PointsOf<G> points = test::scattered<G>(random, 120, 40.0, 1.5);
+  const auto a = test::frozen_batch(random, {{1, 1}, 0}, Street<G>::level(0.0, -100.0, 0.0), points, {0.08, 0.0});
+  const auto b = test::frozen_batch(random, {{2, 1}, 0}, Street<G>::level(-500.0, 0.0, 0.0), points, {0.08, 0.0});
+  typename G::Tangent sigma = G::Tangent::Constant(0.02);
+  sigma.template head<2>().setConstant(9.0);
+  sigma[G::Dof - 1] = 0.15;
+  const std::optional<RelativePrior<G>> prior =
+      RelativePrior<G>{Street<G>::level(-500.0, 0.0, 0.0), sigma.cwiseAbs2().asDiagonal()};
+  AlignmentSearchParams params;
+  const auto whole = find_alignments(a, b, prior, confidence, params);
+  ASSERT_FALSE(whole.cut_off);
+  params.max_votes = whole.votes / 2;
+  const auto half = find_alignments(a, b, prior, confidence, params);
+  EXPECT_TRUE(half.cut_off);
+  EXPECT_TRUE(half.candidates.empty());
+  EXPECT_LE(half.votes, params.max_votes + a.landmarks.size());
 }
 
 TYPED_TEST(AlignmentSearches, GeometryThatFixesNothingIsNoPlace) {
