@@ -101,6 +101,7 @@ class AlignmentSearch {
         looks_alike_(looks_alike),
         index_(params.density_radius_m),
         density_(a.landmarks.size(), -1.0),
+        votes_(a.landmarks.size(), -1.0),
         fits_chi2_(chi2_quantile(params.gate, G::Dim)),
         used_a_(a.landmarks.size(), false),
         used_b_(b.landmarks.size(), false) {
@@ -256,7 +257,7 @@ class AlignmentSearch {
         ++result_.votes;
         if (known_ && shift.dot(within * shift) > prior_chi2_) return;
         if (!alike(i, j)) return;
-        const double weight = std::log1p(0.5 / (density(i) * rarity_[static_cast<std::size_t>(j)] * block));
+        const double weight = vote_of(i, j, block);
         const Step step = steps_of(shift);
         for (int dz = 0; dz < storeys; ++dz)
           for (const int dx : {0, 1})
@@ -264,6 +265,14 @@ class AlignmentSearch {
       });
     }
     ballot_.count([&](const Step& shift, double score) { consider(score, heading, shift, T); });
+  }
+
+  // Where all look alike it is that of the landmark of a alone, and remembered.
+  double vote_of(int i, int j, double block) {
+    if (looks_alike_) return std::log1p(0.5 / (density(i) * rarity_[static_cast<std::size_t>(j)] * block));
+    double& known = votes_[static_cast<std::size_t>(i)];
+    if (known < 0.0) known = std::log1p(0.5 / (density(i) * block));
+    return known;
   }
 
   Step steps_of(const Point& shift) const {
@@ -515,6 +524,7 @@ class AlignmentSearch {
   const LooksAlike<G>& looks_alike_;
   StripIndex index_;             // of a
   std::vector<double> density_;  // at each of a; below zero: not asked for yet
+  std::vector<double> votes_;    // what each of a counts for; the same
   std::vector<double> rarity_;   // of each of b: share of a that looks like it
   double fits_chi2_;
 

@@ -13,6 +13,7 @@ bool is_covariance(const Square<N>& P, double at_least) {
   const double scale = std::max(at_least, P.cwiseAbs().maxCoeff());
   if (scale == 0.0) return true;
   if ((P - P.transpose()).cwiseAbs().maxCoeff() > 1e-9 * scale) return false;
+  if (Eigen::LLT<Square<N>>(P).info() == Eigen::Success) return true;  // the usual case
   const Eigen::SelfAdjointEigenSolver<Square<N>> eigen(P, Eigen::EigenvaluesOnly);
   return eigen.info() == Eigen::Success && eigen.eigenvalues().minCoeff() >= -1e-9 * scale;
 }
