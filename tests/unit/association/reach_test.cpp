@@ -170,6 +170,8 @@ TEST(Reach, GoesOnWhereMoreMayHelpAndEndsWhereItMayNot) {
   }
   result.rejection = Rejection::chance;
   EXPECT_EQ(next_reach(result, Key{{1, 1}, 3}, Key{{1, 1}, 4}, Reach::alone), std::nullopt) << "they share a batch";
+  EXPECT_EQ(next_reach(result, Key{{1, 1}, 0}, Key{{2, 1}, 0}, Reach::alone), Reach::with_both) << "none before them";
+  EXPECT_EQ(next_reach(result, Key{{1, 1}, 0}, Key{{2, 1}, 1}, Reach::alone), Reach::with_previous);
 }
 
 }  // namespace
