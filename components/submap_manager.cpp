@@ -25,6 +25,7 @@ void validate(const ChainId& self, const SubmapManagerParams& p) {
   if (self.vehicle == 0) throw ConfigError("submap manager: vehicle id 0 means 'nobody'; use 1 or more");
   if (!(p.map_period_s > 0.0 && p.stale_peer_s > 0.0)) throw ConfigError("submap manager: periods must be > 0");
   if (!(p.exact_share >= 0.0)) throw ConfigError("submap manager: exact_share must be >= 0");
+  if (!(p.rival_s > 0.0)) throw ConfigError("submap manager: rival_s must be > 0");
   if (!(p.encounter_period_s >= 0.0)) throw ConfigError("submap manager: encounter_period_s must be >= 0");
   const auto& roster = p.limits.roster;
   if (!roster.empty() && std::find(roster.begin(), roster.end(), self.vehicle) == roster.end())
@@ -41,6 +42,7 @@ SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange
       params_(params),
       store_(params.limits),
       repair_(self, params.repair, params.seed + 0x9e3779b97f4a7c15U * self.vehicle),
+      guard_(params.peers),
       backend_(backend ? std::move(backend) : make_backend<G>(params.backend)),
       builder_(params_.selection, *backend_) {
   validate<G>(self, params);
@@ -49,7 +51,27 @@ SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange
 }
 
 template <class G>
+void SubmapManager<G>::keep_in(Journal<G>& journal) {
+  journal.restore(store_);
+  if (store_.chains().contains(self_))
+    throw ConfigError("submap manager: the journal holds facts of vehicle " + std::to_string(self_.vehicle) +
+                      " in epoch " + std::to_string(self_.epoch) +
+                      ", which begins only now; take an epoch that was never used, or move the journal away");
+  journal_ = &journal;
+}
+
+template <class G>
+bool SubmapManager<G>::refused() const {
+  return rival_ && rival_->chain.epoch <= self_.epoch && rival_->heard_s >= rival_->since_s + params_.rival_s &&
+         now_s_ <= rival_->heard_s + params_.stale_peer_s;
+}
+
+template <class G>
 void SubmapManager<G>::send(Payload<G> payload) {
+  if (refused()) {
+    ++counters_.sends_withheld;
+    return;
+  }
   if (exchange_.send({self_, std::move(payload)}) != SendStatus::sent) ++counters_.sends_rejected;
 }
 
@@ -58,6 +80,7 @@ template <class Fact>
 bool SubmapManager<G>::insert(const Fact& fact) {
   if (store_.insert(fact) != Insertion::inserted) return false;
   if (orders_given_) news_.emplace_back(fact);
+  if (journal_ != nullptr) journal_->append(fact, now_s_);
   return true;
 }
 
@@ -260,9 +283,11 @@ const std::optional<Estimate<G>>& SubmapManager<G>::locate(Live& live) const {
 
 template <class G>
 void SubmapManager<G>::step(double now_s) {
+  now_s_ = now_s;
   for (const Message<G>& message : exchange_.take(now_s)) handle(message, now_s);
   for (Payload<G>& payload : repair_.due(store_, now_s)) send(std::move(payload));
-  if (now_s >= digest_s_ + params_.repair.digest_period_s) send_digest(now_s);
+  if (auto marks = repair_.digest_due(store_, now_s)) send_digest(std::move(*marks), now_s);
+  if (journal_ != nullptr) journal_->retry(now_s);
 }
 
 template <class G>
@@ -273,9 +298,8 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
     ++counters_.unknown_senders;
     return;
   }
-  // The exchange does not hand back what this vehicle sent, and what it sent in an earlier epoch is repeated by others
-  // under their own names. So this is somebody else with the same id.
-  counters_.senders_impersonated += sender == self_.vehicle;
+  if (!guard_.admit(sender, now_s)) return;
+  if (sender == self_.vehicle) note_rival(message.sender, now_s);
   if (message.sender != self_) peers_[message.sender].heard_s = now_s;
   std::visit(
       [&](const auto& payload) {
@@ -302,9 +326,9 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
           if (fit && payload.chain != self_ && payload.chain == message.sender)
             peers_[payload.chain].live = Live{payload};
         } else if constexpr (std::is_same_v<P, Request>) {
-          repair_.on_request(store_, payload, now_s);
+          repair_.on_request(store_, message.sender, payload, now_s);
         } else {
-          handle_digest(message.sender, payload);
+          handle_digest(message.sender, payload, now_s);
         }
       },
       message.payload);
@@ -326,27 +350,56 @@ void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
     if (fresh && fact.other == self_.vehicle) unanswered_.emplace_back(fact.key, fact.state.stamp_s);
 }
 
+// The exchange does not hand back what this vehicle sent, and what it sent in an earlier epoch is repeated by others
+// under their own names. So this is somebody else with the same id, or an echo of a run that has just ended.
 template <class G>
-void SubmapManager<G>::handle_digest(const ChainId& sender, const Digest& digest) {
+void SubmapManager<G>::note_rival(const ChainId& sender, double now_s) {
+  ++counters_.senders_impersonated;
+  if (!rival_ || rival_->chain != sender || now_s > rival_->heard_s + params_.stale_peer_s)
+    rival_ = Rival{sender, now_s, now_s};
+  rival_->heard_s = now_s;
+}
+
+template <class G>
+void SubmapManager<G>::LeastDelay::add(double offset_s, double now_s) {
+  constexpr double window_s = 60.0;
+  if (now_s > begun_s + window_s) {
+    before = now_s > begun_s + 2.0 * window_s ? 1e300 : now;
+    now = 1e300;
+    begun_s = now_s;
+  }
+  now = std::min(now, offset_s);
+}
+
+template <class G>
+std::optional<double> SubmapManager<G>::LeastDelay::value() const {
+  const double least = std::min(now, before);
+  return least < 1e300 ? std::optional<double>(least) : std::nullopt;
+}
+
+template <class G>
+void SubmapManager<G>::handle_digest(const ChainId& sender, const Digest& digest, double now_s) {
   if (digest.dimension != G::Dim) {
     ++counters_.dimension_mismatch;
     return;
   }
   Digest others = digest;  // nobody can know more of this chain than this vehicle
   std::erase_if(others.marks, [&](const ChainMark& mark) { return mark.chain == self_; });
-  repair_.on_digest(store_, others);
+  repair_.on_digest(store_, sender, others, now_s);
   Peer& peer = peers_[sender];
+  peer.clock.add(now_s - digest.stamp_s, now_s);
   if (digest.map_facts != digests_.facts) return;  // maps of other facts say nothing
   peer.disagrees = digest.map != digests_.map;
   counters_.disagreements += peer.disagrees;
 }
 
 template <class G>
-void SubmapManager<G>::send_digest(double now_s) {
-  digest_s_ = now_s;
+void SubmapManager<G>::send_digest(std::vector<ChainMark> marks, double now_s) {
   Digest digest;
   digest.dimension = G::Dim;
-  digest.marks = store_.marks();
+  digest.marks = std::move(marks);
+  digest.stamp_s = now_s;
+  digest.holdings = store_.holdings();
   digest.facts = store_.digest();
   digest.selection = digests_.selection;
   digest.map = digests_.map;
@@ -384,19 +437,7 @@ std::optional<MapOrder<G>> SubmapManager<G>::order_map(double now_s) {
   if (order.exact) exact_s_ = now_s;
   if (orders_given_) return order;
   orders_given_ = true;
-  const auto add_all = [&](const auto& sequence) {
-    for (const auto& [index, fact] : sequence) order.news.emplace_back(fact);
-  };
-  for (const auto& [id, chain] : store_.chains()) {
-    add_all(chain.anchors);
-    add_all(chain.landmarks);
-    add_all(chain.priors);
-    add_all(chain.associations);
-    add_all(chain.verdicts);
-    add_all(chain.absolute_fixes);
-    add_all(chain.encounters);
-    add_all(chain.waypoints);
-  }
+  store_.for_each_fact([&](const auto& fact) { order.news.emplace_back(fact); });
   return order;
 }
 
@@ -429,8 +470,9 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
   if (chain != self_ && now_s > heard_s + params_.stale_peer_s) reasons |= reason_stale_peer;
   if (const auto it = store_.chains().find(chain); it != store_.chains().end()) {
     if (it->second.equivocated) reasons |= reason_equivocation;
-    for (const ChainMark& mark : it->second.marks)
-      if (mark.count != mark.high_water) reasons |= reason_missing_facts;
+    std::uint64_t missing = 0;
+    for (const ChainMark& mark : it->second.marks) missing += mark.high_water - mark.count;
+    if (missing > repair_.lost_count(chain)) reasons |= reason_missing_facts;
   }
   if (map_.drift_alarms.count(chain) != 0) reasons |= reason_drift;
   if (!map_.map->aligned(chain) && map_.unsettled.count(chain) != 0) reasons |= reason_ambiguous;
@@ -456,6 +498,7 @@ std::vector<VehicleState<G>> SubmapManager<G>::vehicles(double now_s) {
       if (live_) live = &*live_;
     } else if (const auto peer = peers_.find(id); peer != peers_.end()) {
       vehicle.heard_s = peer->second.heard_s;
+      vehicle.clock_offset_s = peer->second.clock.value();
       if (peer->second.live && peer->second.live->said.state.stamp_s >= vehicle.slam.stamp_s)
         live = &*peer->second.live;
     } else {

@@ -2,9 +2,11 @@
 // It speaks through one SubmapExchange, repairs what is late or lost, and rebuilds the map from the set of facts.
 #pragma once
 
+#include <convoy/exchange/peer_guard.hpp>
 #include <convoy/exchange/repair.hpp>
 #include <convoy/exchange/submap_exchange.hpp>
 #include <convoy/map/global_map.hpp>
+#include <convoy/submap/journal.hpp>
 
 #include <array>
 #include <map>
@@ -24,6 +26,7 @@ enum class MapBackend : std::uint8_t {
 struct SubmapManagerParams {
   FactLimits limits;
   RepairParams repair;
+  PeerLimits peers;
   SelectionParams selection;
   MapBackend backend = MapBackend::sparse;
   double map_period_s = 1.0;  ///< between two rebuilds at least, > 0; nothing is done while no fact is new
@@ -34,7 +37,10 @@ struct SubmapManagerParams {
   double encounter_period_s =
       2.0;                     ///< between two encounters with the same vehicle at least, >= 0; the others are not sent
   double stale_peer_s = 15.0;  ///< a vehicle not heard of for longer is reported as stale, > 0
-  std::uint64_t seed = 1;      ///< of the repair protocol's jitter
+  /// Somebody else who has spoken under this vehicle's id for so long is no echo of an earlier run: two processes
+  /// claim one id, and the one that began later is refused. > 0
+  double rival_s = 5.0;
+  std::uint64_t seed = 1;  ///< of the repair protocol's jitter
 };
 
 /// A vehicle as this one knows it.
@@ -46,6 +52,9 @@ struct VehicleState {
   Integrity integrity = Integrity::unaligned;
   std::uint32_t reasons = reason_none;  ///< bits of IntegrityReason
   double heard_s = 0.0;                 ///< when, on this vehicle's clock
+  /// How far this vehicle's clock is ahead of its, as far as messages tell: the network's least delay of the last
+  /// minute or two is included. Nothing that is computed depends on it, but encounters want stamps of one clock.
+  std::optional<double> clock_offset_s;
 };
 
 struct SubmapManagerCounters {
@@ -58,15 +67,12 @@ struct SubmapManagerCounters {
   std::uint64_t unknown_senders = 0;       ///< messages of vehicles that are not on the roster
   std::uint64_t facts_impersonated = 0;    ///< claimed to be this vehicle's own, and were not: refused
   std::uint64_t senders_impersonated = 0;  ///< messages that somebody else has sent under this vehicle's id
+  std::uint64_t sends_withheld = 0;        ///< while refused: see SubmapManager::refused()
   std::uint64_t sends_rejected = 0;        ///< the network would not take it; repair makes up for it
   std::uint64_t dimension_mismatch = 0;    ///< digests of fleets of another dimension
   std::uint64_t disagreements = 0;         ///< digests with our facts and another map
   std::uint64_t maps_built = 0;
 };
-
-template <class G>
-using AnyFact = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact,
-                             AbsoluteFixFact<G>, EncounterFact<G>, WaypointFact<G>>;
 
 /// What it takes to build a map elsewhere.
 template <class G>
@@ -102,6 +108,11 @@ class SubmapManager {
                 std::shared_ptr<const Backend<G>> backend = nullptr);
 
   const ChainId& self() const { return self_; }
+
+  /// Takes in what the journal holds, and writes every fact to it from now on. Call before open_chain(). Throws
+  /// ConfigError if it is damaged beyond use, or holds facts of this very chain, whose indices would be used twice.
+  /// `journal` must outlive it.
+  void keep_in(Journal<G>& journal);
 
   // ---- own facts, each stated once; indices are given here ----
   /// Opens the chain: the first anchor, and the static bias if the start is known. Call first, once. Throws ConfigError
@@ -154,7 +165,15 @@ class SubmapManager {
   const MapDigests& digests() const { return digests_; }
   /// Every chain heard of, this one included, in canonical order.
   std::vector<VehicleState<G>> vehicles(double now_s);
+  /// Facts known to exist and neither held nor declared missing.
+  std::uint64_t facts_missing() const { return store_.missing_count() - repair_.lost_count(); }
+  /// Declared missing: their author is gone, and nobody has served them (RepairParams::lost_after_s).
+  std::uint64_t facts_lost() const { return repair_.lost_count(); }
+  /// Another process claims this vehicle's id, and began earlier or cannot be told apart: nothing is sent until it has
+  /// been silent for `stale_peer_s`.
+  bool refused() const;
   const SubmapManagerCounters& counters() const { return counters_; }
+  const PeerGuardCounters& peer_counters() const { return guard_.counters(); }
   const RepairCounters& repair_counters() const { return repair_.counters(); }
   ExchangeCounters exchange_counters() const { return exchange_.counters(); }
 
@@ -165,10 +184,22 @@ class SubmapManager {
     std::uint64_t map = 0;  // number of the map that `estimate` is by; 0: none
     std::optional<Estimate<G>> estimate = {};
   };
+  /// The least of what came in during this minute and the one before.
+  struct LeastDelay {
+    double begun_s = -1e300, now = 1e300, before = 1e300;
+    void add(double offset_s, double now_s);
+    std::optional<double> value() const;
+  };
   struct Peer {
     std::optional<Live> live;
     double heard_s = 0.0;
     bool disagrees = false;
+    LeastDelay clock;
+  };
+  /// Somebody else under this vehicle's id.
+  struct Rival {
+    ChainId chain;
+    double since_s = 0.0, heard_s = 0.0;
   };
   template <class Fact>
   void publish(const Fact& fact);
@@ -176,8 +207,9 @@ class SubmapManager {
   void handle(const Message<G>& message, double now_s);
   template <class Fact>
   void take_in(FactKind kind, const Fact& fact);
-  void handle_digest(const ChainId& sender, const Digest& digest);
-  void send_digest(double now_s);
+  void handle_digest(const ChainId& sender, const Digest& digest, double now_s);
+  void note_rival(const ChainId& sender, double now_s);
+  void send_digest(std::vector<ChainMark> marks, double now_s);
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
   bool map_due(double now_s) const;
   bool exact_is_due(double now_s, bool news) const;
@@ -192,6 +224,10 @@ class SubmapManager {
   SubmapManagerParams params_;
   FactStore<G> store_;
   RepairProtocol<G> repair_;
+  PeerGuard guard_;
+  Journal<G>* journal_ = nullptr;
+  double now_s_ = 0.0;  // of the last step
+  std::optional<Rival> rival_;
   std::shared_ptr<const Backend<G>> backend_;
   MapBuilder<G> builder_;
   GlobalMap<G> map_;
@@ -202,7 +238,7 @@ class SubmapManager {
   std::uint64_t ordered_revision_ = 0;             // of the facts in map_ or in the last order
   bool orders_given_ = false;
   std::vector<AnyFact<G>> news_;  // since the last order, if there was one
-  double map_s_ = -1e300, digest_s_ = -1e300;
+  double map_s_ = -1e300;
   std::array<std::uint32_t, fact_kind_count> next_index_{};
   std::optional<Live> live_;
   std::optional<double> fix_s_;              // stamp of the last absolute fix published

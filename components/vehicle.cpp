@@ -18,6 +18,11 @@ Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, Open
   validate(params.association);
   validate(params.submaps.selection);
   validate(params.submaps.repair);
+  validate(params.submaps.peers);
+  validate(params.budget);
+  validate(params.watchdog);
+  if (params.journal && params.state_folder.empty())
+    throw ConfigError("vehicle: a journal needs a state_folder to lie in");
 }
 
 template <class G>
@@ -31,12 +36,18 @@ void Vehicle<G>::configure() {
   if (state_ != State::unconfigured)
     throw ConfigError("vehicle: configure() needs the state unconfigured; shut down first");
   auto folder = params_.state_folder.empty() ? nullptr : std::make_unique<StateFolder>(params_.state_folder);
-  auto exchange = open_();
+  auto exchange = std::make_unique<ExchangeWorker<G>>(open_, params_.budget, params_.watchdog);
   const auto [epoch, first] =
       folder ? folder->next_epoch(params_.fresh_epoch)
              : StateFolder::NextEpoch{std::max(params_.fresh_epoch(), last_epoch_ + 1), last_epoch_ == 0};
   last_epoch_ = epoch;
   auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps, backend_);
+  std::unique_ptr<Journal<G>> journal;
+  if (params_.journal) {
+    const auto file = params_.state_folder / "facts.journal";
+    journal = std::make_unique<Journal<G>>(open_journal_file(file), file.string());
+    manager->keep_in(*journal);
+  }
   auto map_worker = std::make_unique<MapWorker<G>>(params_.submaps, manager->backend());
   auto front_end = std::make_unique<FrontEndComponent<G>>(front_end_, *manager, params_.drift, params_.live_period_s);
   auto association = std::make_unique<AssociationComponent<G>>(*manager, params_.association, params_.looks_alike);
@@ -46,6 +57,7 @@ void Vehicle<G>::configure() {
   front_end->set_mark(params_.mark);
   state_folder_ = std::move(folder);
   exchange_ = std::move(exchange);
+  journal_ = std::move(journal);
   manager_ = std::move(manager);
   map_worker_ = std::move(map_worker);
   front_end_component_ = std::move(front_end);
@@ -84,6 +96,7 @@ void Vehicle<G>::shutdown() {
   association_.reset();
   front_end_component_.reset();
   manager_.reset();
+  journal_.reset();
   exchange_.reset();
   state_folder_.reset();  // last: nobody else speaks for this vehicle before it is silent
   state_ = State::unconfigured;
@@ -152,7 +165,9 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.facts_digest = store.digest();
   s.map_digest = manager_->digests().map;
   s.selection_digest = manager_->digests().selection;
-  s.facts_missing = store.missing_count();
+  s.facts_missing = manager_->facts_missing();
+  s.facts_lost = manager_->facts_lost();
+  s.refused = manager_->refused();
   s.settled =
       s.facts_missing == 0 && searches_left_ == 0 && manager_->map().exact && manager_->map().facts == s.facts_digest;
   for (const auto& [id, chain] : store.chains()) s.landmarks_known += chain.landmarks.size();
@@ -163,6 +178,9 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.repair = manager_->repair_counters();
   s.association = association_->counters();
   s.exchange = exchange_->counters();
+  s.network = exchange_->worker_counters();
+  s.peers = manager_->peer_counters();
+  if (journal_) s.journal = journal_->counters();
   s.insertions = store.insertions();
   return s;
 }

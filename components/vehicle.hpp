@@ -12,11 +12,11 @@
 #pragma once
 
 #include <convoy/components/association_component.hpp>
+#include <convoy/components/exchange_worker.hpp>
 #include <convoy/components/front_end_component.hpp>
 #include <convoy/components/map_worker.hpp>
 #include <convoy/components/state_folder.hpp>
 #include <convoy/components/submap_manager.hpp>
-#include <convoy/exchange/impairment.hpp>
 
 #include <condition_variable>
 #include <filesystem>
@@ -35,6 +35,7 @@ template <class G>
 struct VehicleParams {
   VehicleId id = 0;                    ///< 1 or more, unique in the fleet
   std::filesystem::path state_folder;  ///< keeps the last epoch and a lock (StateFolder); empty: neither
+  bool journal = false;                ///< the state folder keeps all facts, too, and a restart begins with them
   std::function<Epoch()> fresh_epoch = epoch_from_clock;  ///< an epoch that this vehicle id never used; a fixed number
                                                           ///< makes runs repeatable, and collides with other runs
   std::optional<Estimate<G>> static_bias;     ///< where its first epoch starts in the common frame, if known
@@ -43,6 +44,8 @@ struct VehicleParams {
   AssociationParams association;
   LooksAlike<G> looks_alike = {};  ///< a constraint of one's own, see AssociationComponent
   SubmapManagerParams submaps;
+  BudgetParams budget;          ///< of bytes sent
+  WatchdogParams watchdog;      ///< of the network
   double live_period_s = 1.0;   ///< between two live poses, of the front end's time
   double step_period_s = 0.02;  ///< of the thread, wall time, (0, 60]
   int searches_per_step = 8;    ///< pairs of batches compared per step at most, >= 1
@@ -58,6 +61,8 @@ struct VehicleSnapshot {
   Hash facts_digest = 0, map_digest = 0, selection_digest = 0;  ///< all three of the last exact map
   bool settled = false;  ///< nothing missing, nothing to search, and the map is exact and holds every fact
   std::uint64_t facts_missing = 0;
+  std::uint64_t facts_lost = 0;  ///< declared missing: nobody who is left has them
+  bool refused = false;          ///< another process claims this vehicle's id and began earlier: nothing is sent
   std::uint64_t landmarks_known = 0;
   std::uint64_t landmarks_exported = 0;
   std::uint64_t encounters_unanswered = 0;  ///< others saw this vehicle at a moment that it does not remember
@@ -65,6 +70,9 @@ struct VehicleSnapshot {
   RepairCounters repair;
   AssociationCounters association;
   ExchangeCounters exchange;
+  ExchangeWorkerCounters network;
+  PeerGuardCounters peers;
+  JournalCounters journal;  ///< zero without one
   std::array<std::uint64_t, insertion_count> insertions{};
 };
 
@@ -75,7 +83,8 @@ class Vehicle {
   using Clock = std::function<double()>;  ///< seconds, not decreasing; need not agree with other vehicles'
   using OpenExchange = std::function<std::unique_ptr<SubmapExchange<G>>()>;
 
-  /// `front_end` must outlive it. `open` is called by configure(); it may throw ConfigError.
+  /// `front_end` must outlive it. `open` is called by configure(), and again from a thread of the vehicle when the
+  /// network has gone deaf or mute (WatchdogParams); it may throw ConfigError.
   Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, OpenExchange open, Clock clock);
   ~Vehicle();
   Vehicle(const Vehicle&) = delete;
@@ -136,7 +145,8 @@ class Vehicle {
   std::thread thread_;
   Epoch last_epoch_ = 0;  // of this object
   std::unique_ptr<StateFolder> state_folder_;
-  std::unique_ptr<SubmapExchange<G>> exchange_;
+  std::unique_ptr<ExchangeWorker<G>> exchange_;
+  std::unique_ptr<Journal<G>> journal_;
   std::unique_ptr<SubmapManager<G>> manager_;
   std::unique_ptr<MapWorker<G>> map_worker_;
   std::unique_ptr<FrontEndComponent<G>> front_end_component_;

@@ -24,6 +24,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   VehicleParams<G>& v = c.vehicle;
   visit("vehicle", "id", v.id);
   visit("vehicle", "state_folder", v.state_folder);
+  visit("vehicle", "journal", v.journal);
   visit("vehicle", "first_epoch", c.first_epoch);
   visit("vehicle", "output_folder", c.output_folder);
   visit("vehicle", "roster", v.submaps.limits.roster);
@@ -140,14 +141,39 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("map", "stale_peer_s", s.stale_peer_s);
 
   visit("repair", "digest_period_s", s.repair.digest_period_s);
+  visit("repair", "digest_idle_s", s.repair.digest_idle_s);
+  visit("repair", "max_chains", s.repair.max_chains);
   visit("repair", "grace_s", s.repair.grace_s);
   visit("repair", "backoff_min_s", s.repair.backoff_min_s);
   visit("repair", "backoff_max_s", s.repair.backoff_max_s);
   visit("repair", "relay_delay_s", s.repair.relay_delay_s);
   visit("repair", "max_ranges", s.repair.max_ranges);
   visit("repair", "answers_per_s", s.repair.answers_per_s);
+  visit("repair", "resend_s", s.repair.resend_s);
   visit("repair", "batch_limit", s.repair.batch_limit);
+  visit("repair", "requests_per_s", s.repair.requests_per_s);
+  visit("repair", "lost_after_s", s.repair.lost_after_s);
   visit("repair", "seed", s.seed);
+
+  visit("budget", "bytes_per_s", v.budget.bytes_per_s);
+  visit("budget", "burst_s", v.budget.burst_s);
+  visit("budget", "batch_limit", v.budget.batch_limit);
+  visit("budget", "max_waiting", v.budget.max_waiting);
+
+  visit("peers", "messages_per_s", s.peers.messages_per_s);
+  visit("peers", "burst", s.peers.burst);
+  visit("peers", "quarantine_s", s.peers.quarantine_s);
+  visit("peers", "max_peers", s.peers.max_peers);
+  visit("peers", "forget_after_s", s.peers.forget_after_s);
+  visit("peers", "max_chains_per_vehicle", s.limits.max_chains_per_vehicle);
+  visit("peers", "max_facts_per_vehicle", s.limits.max_facts_per_vehicle);
+  visit("peers", "rival_s", s.rival_s);
+
+  visit("watchdog", "deaf_s", v.watchdog.deaf_s);
+  visit("watchdog", "mute_s", v.watchdog.mute_s);
+  visit("watchdog", "lonely_s", v.watchdog.lonely_s);
+  visit("watchdog", "pause_s", v.watchdog.pause_s);
+  visit("watchdog", "max_pause_s", v.watchdog.max_pause_s);
 
   visit("sensors", "file", c.sensors.file);
   visit("sensors", "rate", c.sensors.rate);
@@ -402,6 +428,10 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   demand(v.searches_per_step >= 1, "vehicle", "searches_per_step", "be 1 or more");
   demand(c.first_epoch == 0 || !v.state_folder.empty(), "vehicle", "first_epoch",
          "stand beside a state_folder; without one every start would use the same epoch again");
+  demand(!v.journal || !v.state_folder.empty(), "vehicle", "journal", "stand beside a state_folder, where it lies");
+  demand(v.submaps.limits.max_chains_per_vehicle >= 1, "peers", "max_chains_per_vehicle", "be 1 or more");
+  demand(v.submaps.limits.max_facts_per_vehicle >= 1, "peers", "max_facts_per_vehicle", "be 1 or more");
+  above_zero(v.submaps.rival_s, "peers", "rival_s");
   demand(c.first_epoch < std::numeric_limits<Epoch>::max(), "vehicle", "first_epoch", "leave room for later ones");
   const auto& roster = v.submaps.limits.roster;
   const std::set<VehicleId> members(roster.begin(), roster.end());
@@ -531,6 +561,9 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
   check(file, lines, "association", config.vehicle.association);
   check(file, lines, "map", config.vehicle.submaps.selection);
   check(file, lines, "repair", config.vehicle.submaps.repair);
+  check(file, lines, "budget", config.vehicle.budget);
+  check(file, lines, "peers", config.vehicle.submaps.peers);
+  check(file, lines, "watchdog", config.vehicle.watchdog);
   check(file, lines, "impairment", config.impairment);
   if (config.first_epoch != 0) config.vehicle.fresh_epoch = [epoch = config.first_epoch] { return epoch; };
 

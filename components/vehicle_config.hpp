@@ -22,6 +22,7 @@
 
 #include <convoy/components/vehicle.hpp>
 #include <convoy/dds/dds_exchange.hpp>
+#include <convoy/exchange/impairment.hpp>
 #include <convoy/frontend/range_bearing_ekf.hpp>
 #include <convoy/geometry/groups.hpp>
 

@@ -53,16 +53,18 @@ struct Vehicle {
           repair.on_fact_seen(FactKind::landmark, landmark.key);
         }
       } else if (const auto* request = std::get_if<Request>(&message.payload)) {
-        repair.on_request(store, *request, now_s);
+        repair.on_request(store, message.sender, *request, now_s);
       } else if (const auto* digest = std::get_if<Digest>(&message.payload)) {
-        repair.on_digest(store, *digest);
+        repair.on_digest(store, message.sender, *digest, now_s);
       }
     }
     for (auto& payload : repair.due(store, now_s)) send(std::move(payload));
-    Digest digest;
-    digest.marks = store.marks();
-    digest.facts = store.digest();
-    send(digest);
+    if (auto marks = repair.digest_due(store, now_s)) {
+      Digest digest;
+      digest.marks = std::move(*marks);
+      digest.holdings = store.holdings();
+      send(digest);
+    }
   }
 
   ChainId chain;

@@ -596,6 +596,9 @@ template <class G>
 WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample) {
   set_author(sender, sample);
   sample.dimension(digest.dimension);
+  if (!std::isfinite(digest.stamp_s)) return WireStatus::not_finite;
+  sample.stamp_s(digest.stamp_s);
+  sample.holdings(digest.holdings);
   sample.facts_digest(digest.facts);
   sample.selection_digest(digest.selection);
   sample.map_digest(digest.map);
@@ -628,6 +631,9 @@ WireStatus from_wire(const v1::Digest& sample, Message<G>& message) {
   if (sample.marks().size() > bounds::chains) return WireStatus::too_many;
   Digest digest;
   digest.dimension = sample.dimension();
+  if (!std::isfinite(sample.stamp_s())) return WireStatus::not_finite;
+  digest.stamp_s = sample.stamp_s();
+  digest.holdings = sample.holdings();
   digest.facts = sample.facts_digest();
   digest.selection = sample.selection_digest();
   digest.map = sample.map_digest();

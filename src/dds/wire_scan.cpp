@@ -202,7 +202,7 @@ void scan(WireScan& wire, const v1::Request*) {
 void scan(WireScan& wire, const v1::Digest*) {
   scan_author(wire);
   wire.skip(1);
-  wire.skip(8, 4);
+  wire.skip(8, 6);
   for (std::uint32_t n = wire.length(bounds::chains); n > 0 && wire.ok(); --n) {
     scan_chain(wire);
     wire.skip(1);

@@ -9,7 +9,8 @@
 
 namespace convoy {
 
-/// A broadcast medium. Not thread-safe: it serves tests and simulations that drive all vehicles from one thread.
+/// A broadcast medium. Bytes are counted about as a wire would, once for all who hear. Endpoints may live in different
+/// threads; what comes out is repeatable only if one thread drives them all.
 template <class G>
 class InProcessNetwork {
  public:

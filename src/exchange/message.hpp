@@ -72,14 +72,16 @@ struct Request {
   std::vector<IndexRange> ranges;
 };
 
-/// What the sender knows. High-water marks make lost tails visible; equal `facts` with unequal `map` is an alarm.
+/// What the sender knows. High-water marks make lost tails visible; equal `map_facts` with unequal `map` is an alarm.
 struct Digest {
-  std::uint8_t dimension = 2;  ///< 2: SE(2) fleet, 3: SE(3) fleet
-  std::vector<ChainMark> marks;
-  Hash facts = 0;      ///< FactStore::digest()
-  Hash selection = 0;  ///< Selection::digest of the last solved map
-  Hash map = 0;        ///< Map::digest() of the last solved map
-  Hash map_facts = 0;  ///< FactStore::digest() that map was solved from
+  std::uint8_t dimension = 2;    ///< 2: SE(2) fleet, 3: SE(3) fleet
+  std::vector<ChainMark> marks;  ///< of some chains, or of none (RepairProtocol::digest_due)
+  double stamp_s = 0.0;          ///< the sender's clock when it was sent; no algorithm depends on it
+  Hash holdings = 0;             ///< FactStore::holdings()
+  Hash facts = 0;                ///< FactStore::digest()
+  Hash selection = 0;            ///< Selection::digest of the last solved map
+  Hash map = 0;                  ///< Map::digest() of the last solved map
+  Hash map_facts = 0;            ///< FactStore::digest() that map was solved from
 };
 
 template <class G>

@@ -5,7 +5,10 @@
 
 #include <convoy/exchange/message.hpp>
 
+#include <deque>
+#include <limits>
 #include <map>
+#include <optional>
 #include <random>
 #include <utility>
 #include <vector>
@@ -13,14 +16,20 @@
 namespace convoy {
 
 struct RepairParams {
-  double digest_period_s = 1.0;  ///< between two digests
-  double grace_s = 0.5;          ///< a gap younger than this may just be late
-  double backoff_min_s = 0.5;    ///< between two requests for the same sequence; doubles up to the maximum
+  double digest_period_s = 1.0;  ///< between two digests while facts are new, or a peer holds others
+  double digest_idle_s = 5.0;    ///< while nothing is new and all peers hold the same; at least digest_period_s
+  std::uint32_t max_chains =
+      10;                      ///< told of in one digest (its own first, the others in turn), so that it fits a frame
+  double grace_s = 0.5;        ///< a gap younger than this may just be late
+  double backoff_min_s = 0.5;  ///< between two requests for the same sequence; doubles up to the maximum
   double backoff_max_s = 8.0;
   double relay_delay_s = 0.6;      ///< up to this long a relayer waits for the author or another to answer
-  std::uint32_t max_ranges = 32;   ///< per request
-  double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
+  std::uint32_t max_ranges = 256;  ///< asked for at once, in requests of at most 64
+  double answers_per_s = 2000.0;   ///< facts served per second at most; the rest waits, nothing is forgotten
+  double resend_s = 0.3;           ///< a fact served within this time is on its way, and not served again
   std::uint32_t batch_limit = 16;  ///< landmarks per answering message
+  double requests_per_s = 100.0;   ///< of one peer that are listened to; more are counted and passed over
+  double lost_after_s = 60.0;      ///< what nobody has served for so long, its author being gone, is declared missing
 };
 
 /// Throws RangeError.
@@ -29,6 +38,8 @@ void validate(const RepairParams& params);
 struct RepairCounters {
   std::uint64_t requests_sent = 0;
   std::uint64_t requests_heard = 0;
+  std::uint64_t requests_refused = 0;     ///< of a peer that asks too often
+  std::uint64_t requests_suppressed = 0;  ///< put off, since another vehicle has just asked for the same
   std::uint64_t facts_served = 0;
   std::uint64_t facts_relayed = 0;       ///< served on behalf of another author
   std::uint64_t answers_suppressed = 0;  ///< another vehicle was quicker
@@ -40,13 +51,23 @@ class RepairProtocol {
   /// `self` names this vehicle's own chain; `seed` draws the jitter.
   RepairProtocol(const ChainId& self, const RepairParams& params, std::uint64_t seed);
 
-  void on_digest(FactStore<G>& store, const Digest& digest);
-  void on_request(const FactStore<G>& store, const Request& request, double now_s);
+  /// `sender` knows of these facts to exist.
+  void on_digest(FactStore<G>& store, const ChainId& sender, const Digest& digest, double now_s);
+  void on_request(const FactStore<G>& store, const ChainId& sender, const Request& request, double now_s);
   /// A fact was seen on the wire: nobody needs our answer with it any more.
   void on_fact_seen(FactKind kind, const Key& key);
 
   /// Messages due by `now_s`: requests for what is missing, answers to what was asked.
   std::vector<Payload<G>> due(const FactStore<G>& store, double now_s);
+
+  /// The marks to announce if a digest is due by `now_s`. None of them, if it would tell peers nothing: then the digest
+  /// of the whole set says that this vehicle is there, and agrees.
+  std::optional<std::vector<ChainMark>> digest_due(const FactStore<G>& store, double now_s);
+
+  /// Facts known to exist and declared missing (RepairParams::lost_after_s). They go on being asked for, once a minute,
+  /// in case somebody comes back who holds them.
+  std::uint64_t lost_count() const;
+  std::uint64_t lost_count(const ChainId& chain) const;
 
   const RepairCounters& counters() const { return counters_; }
 
@@ -55,17 +76,45 @@ class RepairProtocol {
     double next_s = 0.0;
     double backoff_s = 0.0;
     std::uint32_t lacking = 0;  // progress on the gap resets the backoff
+    double progress_s = 0.0;    // when there was some last
+    bool put_off = false;       // since the last request of our own
+    bool lost = false;
+  };
+  struct Peer {
+    Hash holdings = 0;
+    double heard_s = 0.0;
+  };
+  /// So many at once, and so many per second.
+  struct Allowance {
+    double left = 0.0, at_s = -std::numeric_limits<double>::infinity();
+    bool take(double per_s, double now_s);
   };
   using SequenceId = std::pair<ChainId, FactKind>;
+  using FactId = std::pair<FactKind, Key>;
   double uniform();
+  bool heard_lately(const ChainId& chain, double now_s) const;
+  bool all_agree(const FactStore<G>& store, double now_s) const;
+  std::vector<ChainMark> marks_to_tell(const FactStore<G>& store);
+  void put_off(const FactStore<G>& store, const Request& request, double now_s);
   void request_missing(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
+  void request(const FactStore<G>& store, const SequenceId& sequence, std::vector<Payload<G>>& out);
   void answer(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
+  void forget_served(double now_s);
 
   ChainId self_;
   RepairParams params_;
   std::mt19937_64 random_;
   std::map<SequenceId, Wanted> wanted_;
-  std::map<std::pair<FactKind, Key>, double> answers_;  // fact -> when to serve it
+  std::map<FactId, double> answers_;             // fact -> when to serve it
+  std::map<FactId, double> served_;              // lately: when
+  std::deque<std::pair<double, FactId>> order_;  // of served_, by time
+  std::map<ChainId, Peer> peers_;
+  std::map<VehicleId, Allowance> askers_;
+  std::uint64_t told_revision_ = 0;  // of the facts that the last digest with marks spoke of
+  double digest_s_ = -std::numeric_limits<double>::infinity();
+  double digest_jitter_ = 1.0;
+  double prompt_s_ = std::numeric_limits<double>::infinity();  // a digest out of turn, for somebody new
+  ChainId turn_;                                               // the chain that the last digest ended with
   double last_s_ = 0.0;
   double allowance_ = 0.0;
   RepairCounters counters_;

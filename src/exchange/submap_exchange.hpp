@@ -4,7 +4,9 @@
 
 #include <convoy/exchange/message.hpp>
 
+#include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +29,7 @@ struct ExchangeCounters {
   std::uint64_t dropped = 0;      ///< lost on purpose by an impairment, or for want of room in the queue
 };
 
+/// An implementation serves two threads, one that sends and one that takes.
 template <class G>
 class SubmapExchange {
  public:
@@ -40,6 +43,9 @@ class SubmapExchange {
   virtual std::vector<Message<G>> take(double now_s) = 0;
 
   virtual ExchangeCounters counters() const = 0;
+
+  /// How many peers the network knows to be there, if it can tell.
+  virtual std::optional<std::size_t> live_peers() const { return std::nullopt; }
 };
 
 }  // namespace convoy

@@ -44,6 +44,7 @@ const char* to_string(Insertion result) {
     case Insertion::not_covariance: return "not_covariance";
     case Insertion::out_of_range: return "out_of_range";
     case Insertion::malformed: return "malformed";
+    case Insertion::over_share: return "over_share";
   }
   return "unknown";
 }
@@ -64,22 +65,40 @@ Insertion FactStore<G>::check(const Key& key) const {
 }
 
 template <class G>
+bool FactStore<G>::has_room_for(const ChainId& id) const {
+  const auto share = shares_.find(id.vehicle);
+  return share == shares_.end() || share->second.chains < limits_.max_chains_per_vehicle || chains_.contains(id);
+}
+
+template <class G>
+typename FactStore<G>::Chain& FactStore<G>::open(const ChainId& id) {
+  const auto [it, fresh] = chains_.try_emplace(id);
+  shares_[id.vehicle].chains += fresh;
+  return it->second;
+}
+
+template <class G>
 template <class Fact>
 Insertion FactStore<G>::keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check) {
   if (check != Insertion::inserted) return count(check);
+  if (!has_room_for(fact.key.chain)) return count(Insertion::over_share);
   const Hash hash = hash_of(fact);
-  Chain& chain = chains_[fact.key.chain];
+  Chain& chain = open(fact.key.chain);
   auto& held = chain.*sequence;
   if (const auto it = held.find(fact.key.index); it != held.end()) {
     if (hash_of(it->second) == hash) return count(Insertion::duplicate);
     chain.equivocated = true;
     return count(Insertion::conflict);
   }
+  std::uint64_t& facts_of_vehicle = shares_[fact.key.chain.vehicle].facts;
+  if (facts_of_vehicle >= limits_.max_facts_per_vehicle) return count(Insertion::over_share);
+  ++facts_of_vehicle;
   held.emplace(fact.key.index, fact);
   ChainMark& mark = chain.marks[static_cast<std::size_t>(kind)];
   mark.high_water = std::max(mark.high_water, fact.key.index + 1);
   ++mark.count;
   mark.hash += hash;
+  holdings_ += hash;
   if constexpr (std::is_same_v<Fact, AssociationFact>) {
     const Hash id = hypothesis_id(fact.pairings);
     if (statements_[id]++ == 0) digest_ += id;
@@ -283,8 +302,8 @@ const PriorFact<G>* FactStore<G>::prior(const ChainId& id) const {
 
 template <class G>
 void FactStore<G>::announce(const ChainId& id, FactKind kind, std::uint32_t high_water) {
-  if (high_water == 0 || check(Key{id, high_water - 1}) != Insertion::inserted) return;
-  auto& mark = chains_[id].marks[static_cast<std::size_t>(kind)];
+  if (high_water == 0 || check(Key{id, high_water - 1}) != Insertion::inserted || !has_room_for(id)) return;
+  auto& mark = open(id).marks[static_cast<std::size_t>(kind)];
   mark.high_water = std::max(mark.high_water, high_water);
 }
 
@@ -312,17 +331,7 @@ std::vector<IndexRange> FactStore<G>::missing(const ChainId& id, FactKind kind, 
   const Chain& chain = it->second;
   const ChainMark& mark = chain.marks[static_cast<std::size_t>(kind)];
   if (mark.count == mark.high_water) return {};
-  switch (kind) {
-    case FactKind::anchor: return holes(chain.anchors, mark.high_water, max_ranges);
-    case FactKind::landmark: return holes(chain.landmarks, mark.high_water, max_ranges);
-    case FactKind::prior: return holes(chain.priors, mark.high_water, max_ranges);
-    case FactKind::association: return holes(chain.associations, mark.high_water, max_ranges);
-    case FactKind::verdict: return holes(chain.verdicts, mark.high_water, max_ranges);
-    case FactKind::absolute_fix: return holes(chain.absolute_fixes, mark.high_water, max_ranges);
-    case FactKind::encounter: return holes(chain.encounters, mark.high_water, max_ranges);
-    case FactKind::waypoint: return holes(chain.waypoints, mark.high_water, max_ranges);
-  }
-  return {};
+  return with_sequence(chain, kind, [&](const auto& held) { return holes(held, mark.high_water, max_ranges); });
 }
 
 template <class G>
@@ -334,15 +343,26 @@ std::uint64_t FactStore<G>::missing_count() const {
 }
 
 template <class G>
+std::vector<ChainMark> FactStore<G>::marks_of(const ChainId& id) const {
+  std::vector<ChainMark> marks;
+  const auto chain = chains_.find(id);
+  if (chain == chains_.end()) return marks;
+  for (int kind = 0; kind < fact_kind_count; ++kind)
+    if (ChainMark mark = chain->second.marks[static_cast<std::size_t>(kind)]; mark.high_water > 0) {
+      mark.chain = id;
+      mark.kind = static_cast<FactKind>(kind);
+      marks.push_back(mark);
+    }
+  return marks;
+}
+
+template <class G>
 std::vector<ChainMark> FactStore<G>::marks() const {
   std::vector<ChainMark> marks;
-  for (const auto& [id, chain] : chains_)
-    for (int kind = 0; kind < fact_kind_count; ++kind)
-      if (ChainMark mark = chain.marks[static_cast<std::size_t>(kind)]; mark.high_water > 0) {
-        mark.chain = id;
-        mark.kind = static_cast<FactKind>(kind);
-        marks.push_back(mark);
-      }
+  for (const auto& [id, chain] : chains_) {
+    const auto of_chain = marks_of(id);
+    marks.insert(marks.end(), of_chain.begin(), of_chain.end());
+  }
   return marks;
 }
 

@@ -22,8 +22,9 @@ enum class Insertion : std::uint8_t {
   not_covariance,   ///< a covariance that is not symmetric positive semidefinite
   out_of_range,     ///< a position, abscissa, index or size beyond the plausible limits
   malformed,        ///< empty or unordered pairings, a first anchor that is not the origin, vehicle 0
+  over_share,       ///< its author has filled its share of this store (FactLimits)
 };
-inline constexpr int insertion_count = 8;
+inline constexpr int insertion_count = 9;
 const char* to_string(Insertion result);
 
 /// Half-open range of indices [first, end).
@@ -48,6 +49,10 @@ struct FactLimits {
   double max_sigma_m = 1e5;
   std::uint32_t max_index = 10'000'000;
   std::uint32_t max_pairings = 4096;
+  /// What one vehicle may fill, so that it cannot crowd out the others: chains (one per restart) and facts of all of
+  /// them. A landmark takes 0.4 KB of memory.
+  std::uint32_t max_chains_per_vehicle = 1000;
+  std::uint64_t max_facts_per_vehicle = 500'000;
   std::vector<VehicleId> roster;  ///< vehicles accepted; empty: everyone
 };
 
@@ -96,6 +101,32 @@ class FactStore {
   };
   const std::map<ChainId, Chain>& chains() const { return chains_; }
 
+  /// visit(sequence) with all facts of one kind of a chain.
+  template <class Visit>
+  static decltype(auto) with_sequence(const Chain& chain, FactKind kind, Visit&& visit) {
+    switch (kind) {
+      case FactKind::anchor: return visit(chain.anchors);
+      case FactKind::landmark: return visit(chain.landmarks);
+      case FactKind::prior: return visit(chain.priors);
+      case FactKind::association: return visit(chain.associations);
+      case FactKind::verdict: return visit(chain.verdicts);
+      case FactKind::absolute_fix: return visit(chain.absolute_fixes);
+      case FactKind::encounter: return visit(chain.encounters);
+      case FactKind::waypoint: break;
+    }
+    return visit(chain.waypoints);
+  }
+
+  /// visit(fact) with every fact held, in canonical order of chains, then kinds, then indices.
+  template <class Visit>
+  void for_each_fact(Visit&& visit) const {
+    for (const auto& [id, chain] : chains_)
+      for (int kind = 0; kind < fact_kind_count; ++kind)
+        with_sequence(chain, static_cast<FactKind>(kind), [&](const auto& sequence) {
+          for (const auto& [index, fact] : sequence) visit(fact);
+        });
+  }
+
   /// Null if not held.
   const AnchorFact<G>* anchor(const Key& key) const;
   const LandmarkFact<G>* landmark(const Key& key) const;
@@ -123,10 +154,14 @@ class FactStore {
 
   /// Every (chain, kind) with at least one fact held or announced, in canonical order.
   std::vector<ChainMark> marks() const;
+  /// Those of one chain.
+  std::vector<ChainMark> marks_of(const ChainId& chain) const;
 
   /// Equal for equal sets of facts, whatever the order of arrival. Associations count by their pairings, not by the key
   /// under which some author stated them.
   Hash digest() const { return digest_; }
+  /// Equal for equal sets of facts, statements of one hypothesis by several authors included: the sum of all hashes.
+  Hash holdings() const { return holdings_; }
 
   /// Raised by every insertion: "has anything changed since?"
   std::uint64_t revision() const { return revision_; }
@@ -137,27 +172,37 @@ class FactStore {
  private:
   template <class Fact>
   static const Sequence<Fact>& sequence_of(const Chain& chain) {
-    if constexpr (std::is_same_v<Fact, AnchorFact<G>>) return chain.anchors;
-    else if constexpr (std::is_same_v<Fact, LandmarkFact<G>>) return chain.landmarks;
-    else if constexpr (std::is_same_v<Fact, PriorFact<G>>) return chain.priors;
-    else if constexpr (std::is_same_v<Fact, AssociationFact>) return chain.associations;
-    else if constexpr (std::is_same_v<Fact, VerdictFact>) return chain.verdicts;
-    else if constexpr (std::is_same_v<Fact, AbsoluteFixFact<G>>) return chain.absolute_fixes;
-    else if constexpr (std::is_same_v<Fact, EncounterFact<G>>) return chain.encounters;
+    constexpr FactKind kind = kind_of<Fact>;
+    if constexpr (kind == FactKind::anchor) return chain.anchors;
+    else if constexpr (kind == FactKind::landmark) return chain.landmarks;
+    else if constexpr (kind == FactKind::prior) return chain.priors;
+    else if constexpr (kind == FactKind::association) return chain.associations;
+    else if constexpr (kind == FactKind::verdict) return chain.verdicts;
+    else if constexpr (kind == FactKind::absolute_fix) return chain.absolute_fixes;
+    else if constexpr (kind == FactKind::encounter) return chain.encounters;
     else return chain.waypoints;
   }
   template <class Fact>
   Insertion keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check);
   Insertion count(Insertion result);
+  bool has_room_for(const ChainId& chain) const;
+  Chain& open(const ChainId& chain);
   Insertion check(const Key& key) const;
   Insertion check(const ChainState<G>& state) const;
   Insertion check(const PersistentDrift& persistent) const;
 
   FactLimits limits_;
+  /// What is held of one vehicle.
+  struct Share {
+    std::uint32_t chains = 0;
+    std::uint64_t facts = 0;
+  };
   std::map<ChainId, Chain> chains_;
+  std::map<VehicleId, Share> shares_;
   std::map<Hash, std::uint32_t> statements_;  // hypotheses by content: digest counts each once
   std::array<std::uint64_t, insertion_count> insertions_{};
   Hash digest_ = 0;
+  Hash holdings_ = 0;
   std::uint64_t revision_ = 0;
   std::uint64_t size_ = 0;
 };

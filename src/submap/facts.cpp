@@ -1,5 +1,6 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/submap/content_hash.hpp>
+#include <convoy/submap/fact_fields.hpp>
 #include <convoy/submap/facts.hpp>
 
 #include <algorithm>
@@ -7,22 +8,42 @@
 namespace convoy {
 namespace {
 
-ContentHash start(FactKind kind, const Key& key) {
-  ContentHash h;
-  h.add(static_cast<std::uint64_t>(kind), 1).add(key.chain.vehicle, 4).add(key.chain.epoch).add(key.index, 4);
-  return h;
-}
+/// An archive (see fact_fields.hpp) that hashes.
+class HashingArchive {
+ public:
+  explicit HashingArchive(FactKind kind) { hash_.add(static_cast<std::uint64_t>(kind), 1); }
+  template <class Number>
+  void natural(Number value, int bytes) {
+    hash_.add(static_cast<std::uint64_t>(value), bytes);
+  }
+  void real(double value) { hash_.add(value); }
+  template <class Matrix>
+  void matrix(const Matrix& m) {
+    hash_.add(m);
+  }
+  template <class G>
+  void pose(const G& T) {
+    add_group(hash_, T);
+  }
+  template <class Bytes>
+  void bytes(const Bytes& bytes) {
+    for (const std::uint8_t byte : bytes) hash_.add(byte, 1);
+  }
+  template <class Item, class Visit>
+  void list(const std::vector<Item>& items, const Visit& visit) {
+    for (const Item& item : items) visit(item);
+  }
+  Hash value() const { return hash_.value(); }
 
-void add(ContentHash& h, const std::vector<Pairing>& pairings) {
-  for (const auto& [a, b] : pairings)
-    for (const Key& k : {a, b}) h.add(k.chain.vehicle, 4).add(k.chain.epoch).add(k.index, 4);
-}
+ private:
+  ContentHash hash_;
+};
 
-template <class G>
-ContentHash& add(ContentHash& h, const ChainState<G>& s) {
-  h.add(s.stamp_s).add(s.abscissa_m);
-  add_group(h, s.pose);
-  return h.add(s.drift).add(s.heading_lever);
+template <class Fact>
+Hash hash_fields(const Fact& fact) {
+  HashingArchive archive(kind_of<Fact>);
+  fact_fields(archive, fact);
+  return archive.value();
 }
 
 }  // namespace
@@ -42,67 +63,38 @@ const char* to_string(FactKind kind) {
 }
 
 template <class G>
-Hash hash_of(const AnchorFact<G>& f) {
-  ContentHash h = start(FactKind::anchor, f.key);
-  return add(h, f.state).add(f.first_landmark, 4).add(f.landmark_count, 4).value();
+Hash hash_of(const AnchorFact<G>& fact) {
+  return hash_fields(fact);
 }
-
 template <class G>
-Hash hash_of(const LandmarkFact<G>& f) {
-  ContentHash h = start(FactKind::landmark, f.key);
-  h.add(f.anchor, 4)
-      .add(f.position)
-      .add(f.covariance)
-      .add(f.loading)
-      .add(f.kind, 1)
-      .add(static_cast<std::uint64_t>(f.descriptor.kind), 1);
-  for (const std::uint8_t byte : f.descriptor.bytes) h.add(byte, 1);
-  return h.value();
+Hash hash_of(const LandmarkFact<G>& fact) {
+  return hash_fields(fact);
 }
-
 template <class G>
-Hash hash_of(const PriorFact<G>& f) {
-  ContentHash h = start(FactKind::prior, f.key);
-  h.add(f.known ? 1U : 0U, 1);
-  add_group(h, f.mean);
-  const PersistentDrift& p = f.persistent;
-  h.add(f.covariance).add(p.scale).add(p.heading_rad_per_m).add(p.tilt_rad).add(p.height_m).add(p.correlation_m);
-  return h.add(p.up).value();
+Hash hash_of(const PriorFact<G>& fact) {
+  return hash_fields(fact);
 }
-
 template <class G>
-Hash hash_of(const AbsoluteFixFact<G>& f) {
-  ContentHash h = start(FactKind::absolute_fix, f.key);
-  return add(h.add(f.anchor, 4), f.state).add(f.lever).add(f.position).add(f.covariance).value();
+Hash hash_of(const AbsoluteFixFact<G>& fact) {
+  return hash_fields(fact);
 }
-
 template <class G>
-Hash hash_of(const EncounterFact<G>& f) {
-  ContentHash h = start(FactKind::encounter, f.key);
-  return add(h.add(f.anchor, 4), f.state).add(f.other, 4).add(f.position).add(f.covariance).value();
+Hash hash_of(const EncounterFact<G>& fact) {
+  return hash_fields(fact);
 }
-
 template <class G>
-Hash hash_of(const WaypointFact<G>& f) {
-  ContentHash h = start(FactKind::waypoint, f.key);
-  const Key& e = f.encounter;
-  add(h.add(f.anchor, 4), f.state).add(e.chain.vehicle, 4).add(e.chain.epoch).add(e.index, 4);
-  return h.add(f.mark).value();
+Hash hash_of(const WaypointFact<G>& fact) {
+  return hash_fields(fact);
 }
-
-Hash hash_of(const AssociationFact& f) {
-  ContentHash h = start(FactKind::association, f.key);
-  add(h, f.pairings);
-  return h.value();
-}
-
-Hash hash_of(const VerdictFact& f) {
-  return start(FactKind::verdict, f.key).add(f.hypothesis).add(f.veto ? 1U : 0U, 1).value();
-}
+Hash hash_of(const AssociationFact& fact) { return hash_fields(fact); }
+Hash hash_of(const VerdictFact& fact) { return hash_fields(fact); }
 
 Hash hypothesis_id(const std::vector<Pairing>& pairings) {
   ContentHash h;
-  add(h, pairings);
+  for (const auto& [a, b] : pairings) {
+    add_key(h, a);
+    add_key(h, b);
+  }
   return h.value();
 }
 

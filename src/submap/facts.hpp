@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <functional>
 #include <utility>
+#include <variant>
 #include <vector>
 
 namespace convoy {
@@ -181,6 +182,29 @@ struct WaypointFact {
   typename G::Point mark = G::Point::Zero();  ///< what others see of this vehicle, body frame [m]
   Key anchor_key() const { return {key.chain, anchor}; }
 };
+
+/// Any fact; the alternatives are in the order of FactKind.
+template <class G>
+using AnyFact = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact,
+                             AbsoluteFixFact<G>, EncounterFact<G>, WaypointFact<G>>;
+
+/// Of a type of fact.
+template <class Fact>
+inline constexpr FactKind kind_of = FactKind::anchor;
+template <class G>
+inline constexpr FactKind kind_of<LandmarkFact<G>> = FactKind::landmark;
+template <class G>
+inline constexpr FactKind kind_of<PriorFact<G>> = FactKind::prior;
+template <>
+inline constexpr FactKind kind_of<AssociationFact> = FactKind::association;
+template <>
+inline constexpr FactKind kind_of<VerdictFact> = FactKind::verdict;
+template <class G>
+inline constexpr FactKind kind_of<AbsoluteFixFact<G>> = FactKind::absolute_fix;
+template <class G>
+inline constexpr FactKind kind_of<EncounterFact<G>> = FactKind::encounter;
+template <class G>
+inline constexpr FactKind kind_of<WaypointFact<G>> = FactKind::waypoint;
 
 /// Content hashes: FNV-1a over the little-endian bytes of every field, key included, then mixed.
 template <class G>

@@ -15,10 +15,7 @@ using Anchor = AnchorFact<SE2>;
 using Landmark = LandmarkFact<SE2>;
 using Prior = PriorFact<SE2>;
 using Store = FactStore<SE2>;
-template <class G>
-using FactOf = std::variant<AnchorFact<G>, LandmarkFact<G>, PriorFact<G>, AssociationFact, VerdictFact,
-                            AbsoluteFixFact<G>, EncounterFact<G>, WaypointFact<G>>;
-using Fact = FactOf<SE2>;
+using Fact = AnyFact<SE2>;
 
 inline constexpr Epoch epoch = 1700000000;
 
@@ -109,7 +106,7 @@ inline std::vector<Fact> chain_facts(VehicleId vehicle, std::uint32_t anchors) {
 }
 
 template <class G>
-Insertion insert(FactStore<G>& store, const std::type_identity_t<FactOf<G>>& fact) {
+Insertion insert(FactStore<G>& store, const std::type_identity_t<AnyFact<G>>& fact) {
   return std::visit([&](const auto& f) { return store.insert(f); }, fact);
 }
 

@@ -71,6 +71,102 @@ TEST(Hardening, TwoVehiclesWithOneIdAreSuspectAndARestartIsNot) {
   EXPECT_TRUE(has(fleet.members[0]->view_of({2, 3}, fleet.now_s), reason_impersonated));
   EXPECT_FALSE(has(fleet.members[0]->view_of({1, 1}, fleet.now_s), reason_impersonated));
 }
+// Two processes claim one id: the one that began later says nothing any more, and goes on when the other is gone.
+TEST(Hardening, OfTwoVehiclesWithOneIdTheLaterOneIsRefused) {
+  test::ScriptedFleet fleet;
+  test::MemberOptions older, younger;
+  older.epoch = 7;
+  younger.epoch = 8;
+  fleet.add(1);
+  fleet.add(2, older);
+  fleet.drive(20);
+  fleet.add(2, younger);
+  auto ear = fleet.network().join();
+  fleet.drive(40);
+  EXPECT_FALSE(fleet.members[0]->manager.refused());
+  EXPECT_FALSE(fleet.members[1]->manager.refused());
+  EXPECT_TRUE(fleet.members[2]->manager.refused());
+  EXPECT_GT(fleet.members[2]->manager.counters().sends_withheld, 0U);
+  ear->take(fleet.now_s);
+  fleet.drive(10);
+  for (const auto& message : ear->take(fleet.now_s)) EXPECT_NE(message.sender, (ChainId{2, 8}));
+  fleet.members[1].reset();
+  fleet.drive(60);
+  EXPECT_FALSE(fleet.members[2]->manager.refused());
+  ASSERT_TRUE(fleet.settle());  // what was withheld has been brought
+  EXPECT_NE(fleet.members[0]->manager.store().anchor({{2, 8}, 3}), nullptr);
+}
+// What an earlier run of this vehicle said just before it died is no second process, however late it comes.
+TEST(Hardening, AnEchoOfTheLastRunIsNoRival) {
+  Impairment slow;
+  slow.delay_s = 2.0;
+  test::ScriptedFleet fleet(slow);
+  fleet.add(1);
+  auto& before = fleet.add(2);
+  fleet.drive(30);
+  const auto echo = before.chain();
+  fleet.members[1].reset();
+  test::MemberOptions next;
+  next.epoch = echo.epoch + 1;
+  auto& after = fleet.add(2, next);
+  fleet.drive(60);
+  EXPECT_FALSE(after.manager.refused());
+  EXPECT_EQ(after.manager.counters().sends_withheld, 0U);
+}
+// Clocks that differ are told of; the map is the same.
+TEST(Hardening, AClockThatDiffersIsReported) {
+  InProcessNetwork<SE2> network;
+  const auto e1 = network.join(), e2 = network.join();
+  SubmapManager<SE2> a({1, 1}, *e1, {}), b({2, 1}, *e2, {});
+  a.open_chain(0.0, std::nullopt);
+  b.open_chain(0.0, std::nullopt);
+  for (double now_s = 0.0; now_s < 200.0; now_s += 0.5) {
+    a.step(now_s);
+    b.step(now_s + 3.5 + (now_s > 150.0 ? 10.0 : 0.0));  // set forward on the way
+  }
+  const auto offset = [](SubmapManager<SE2>& of, VehicleId vehicle) {
+    for (const auto& state : of.vehicles(200.0))
+      if (state.chain.vehicle == vehicle && state.clock_offset_s) return *state.clock_offset_s;
+    return std::nan("");
+  };
+  EXPECT_NEAR(offset(a, 2), -13.5, 0.51);
+  EXPECT_NEAR(offset(b, 1), 3.5, 0.51) << "the least of two minutes: a delay cannot be negative";
+  EXPECT_TRUE(std::isnan(offset(a, 1)));
+  EXPECT_EQ(a.store().digest(), b.store().digest());
+}
+// A peer that floods is not listened to for a while, and the others are.
+TEST(Hardening, AFloodingPeerIsQuarantined) {
+  SubmapManagerParams params;
+  params.peers.burst = 50.0;
+  params.peers.messages_per_s = 20.0;
+  InProcessNetwork<SE2> network;
+  const auto own = network.join(), flooder = network.join(), other = network.join();
+  SubmapManager<SE2> manager({1, 1}, *own, params);
+  manager.open_chain(0.0, std::nullopt);
+  for (std::uint32_t k = 0; k < 500; ++k) {
+    (void)flooder->send({{3, 1}, anchor_fact({3, 1}, k)});
+    if (k % 25 == 0) (void)other->send({{4, 1}, anchor_fact({4, 1}, k / 25)});
+  }
+  manager.step(1.0);
+  EXPECT_EQ(manager.peer_counters().quarantines, 1U);
+  EXPECT_EQ(manager.store().chains().at({3, 1}).anchors.size(), 50U);
+  EXPECT_EQ(manager.store().chains().at({4, 1}).anchors.size(), 20U);
+}
+// What one vehicle may fill is bounded; the others have their own share.
+TEST(Hardening, AVehicleFillsItsOwnShareAndNoOther) {
+  FactLimits limits;
+  limits.max_facts_per_vehicle = 10;
+  limits.max_chains_per_vehicle = 3;
+  FactStore<SE2> store(limits);
+  for (std::uint32_t k = 0; k < 20; ++k) store.insert(anchor_fact({3, 1}, k));
+  EXPECT_EQ(store.size(), 10U);
+  EXPECT_EQ(store.insertions()[static_cast<std::size_t>(Insertion::over_share)], 10U);
+  EXPECT_EQ(store.insert(anchor_fact({3, 1}, 5)), Insertion::duplicate);
+  for (Epoch e = 1; e <= 20; ++e) store.announce({4, e}, FactKind::landmark, 1000);
+  EXPECT_EQ(store.chains().size(), 4U);
+  EXPECT_EQ(store.insert(anchor_fact({4, 9}, 0)), Insertion::over_share);
+  EXPECT_EQ(store.insert(anchor_fact({5, 1}, 0)), Insertion::inserted);
+}
 // A stranger's fact under a key of ours is no answer to who asked for the true one: ours must still be sent.
 TEST(Hardening, AnImpersonatorDoesNotSilenceOurAnswers) {
   test::ScriptedFleet fleet;

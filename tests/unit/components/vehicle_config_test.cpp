@@ -103,8 +103,8 @@ TEST_F(VehicleConfigTest, AnEntryOutOfRangeIsNamedWithItsOwnLine) {
   EXPECT_THAT(refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<map period_s=\"1\"\n residual=\"2\"/></convoy>\n"),
               HasSubstr("4: <map residual> must lie in (0, 1) (it is 2)"));
   EXPECT_THAT(
-      refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<repair grace_s=\"1\"\n max_ranges=\"65\"/></convoy>\n"),
-      HasSubstr("4: <repair max_ranges> must lie in 1..64 (it is 65)"));
+      refusal("<convoy version=\"1\">\n<vehicle id=\"1\"/>\n<repair grace_s=\"1\"\n max_ranges=\"4097\"/></convoy>\n"),
+      HasSubstr("4: <repair max_ranges> must lie in 1..4096 (it is 4097)"));
 }
 
 TEST_F(VehicleConfigTest, AFleetInSpaceIsSavedAndReadBack) {
@@ -250,7 +250,15 @@ INSTANTIATE_TEST_SUITE_P(
         OutOfRange{"map", "residual=\"1\"", "lie in (0, 1)"},
         OutOfRange{"map", "backend=\"paper\"", "'paper' must be sparse or ekf"},
         OutOfRange{"repair", "digest_period_s=\"0\"", "be > 0"},
-        OutOfRange{"repair", "max_ranges=\"65\"", "lie in 1..64"},
+        OutOfRange{"repair", "max_ranges=\"0\"", "lie in 1..4096"},
+        OutOfRange{"repair", "digest_idle_s=\"0.5\"", "be at least digest_period_s"},
+        OutOfRange{"repair", "max_chains=\"257\"", "lie in 1..256"},
+        OutOfRange{"budget", "bytes_per_s=\"-1\"", "<budget bytes_per_s> must be >= 0"},
+        OutOfRange{"peers", "burst=\"0\"", "<peers burst> must be >= 1"},
+        OutOfRange{"peers", "rival_s=\"0\"", "<peers rival_s> must be > 0"},
+        OutOfRange{"peers", "max_facts_per_vehicle=\"0\"", "<peers max_facts_per_vehicle> must be 1 or more"},
+        OutOfRange{"watchdog", "max_pause_s=\"1\"", "<watchdog max_pause_s> must be at least pause_s"},
+        OutOfRange{"vehicle", "journal=\"true\"", "<vehicle journal> must stand beside a state_folder"},
         OutOfRange{"repair", "backoff_max_s=\"0.1\"", "be at least backoff_min_s"},
         OutOfRange{"drift", "gamma=\"0\"", "gamma must be > 0"},
         OutOfRange{"front_end", "gate=\"1\"", "confidences must lie in (0, 1)"},

@@ -72,6 +72,17 @@ class VehicleTest : public ::testing::Test {
     return false;
   }
 
+  /// What the peer has heard once it is so much.
+  static std::vector<Message<SE2>> heard(SubmapExchange<SE2>& peer, std::size_t count) {
+    std::vector<Message<SE2>> messages;
+    const auto end = std::chrono::steady_clock::now() + std::chrono::seconds(20);
+    while (messages.size() < count && std::chrono::steady_clock::now() < end) {
+      for (auto& message : peer.take(0.0)) messages.push_back(std::move(message));
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    }
+    return messages;
+  }
+
   static std::string text_of(const std::function<void()>& call) {
     try {
       call();
@@ -281,8 +292,9 @@ TEST_F(VehicleTest, ByDefaultTwoFreshFoldersDoNotBeginWithTheSameEpoch) {
 }
 
 TEST_F(VehicleTest, ASecondOneOnTheSameFolderIsRefusedBeforeItSpeaks) {
-  vehicle().configure();
   auto peer = network_.join();
+  vehicle().configure();
+  ASSERT_EQ(heard(*peer, 2).size(), 2U);  // all that there is to say
   FrozenLandmarks<SE2> slam;
   Vehicle<SE2> twin(
       params_, slam, [this] { return network_.join(); }, clock_s);
@@ -329,13 +341,36 @@ TEST_F(VehicleTest, StatesItsStaticBiasWhenItIsConfigured) {
   params_.static_bias = Estimate<SE2>{SE2(5.0, -3.0, 0.4), 0.01 * SE2::Covariance::Identity()};
   auto peer = network_.join();
   vehicle().configure();
-  const auto messages = peer->take(0.0);
+  const auto messages = heard(*peer, 2);
   ASSERT_EQ(messages.size(), 2U);
   EXPECT_TRUE(std::holds_alternative<AnchorFact<SE2>>(messages[0].payload));
   const auto& prior = std::get<PriorFact<SE2>>(messages[1].payload);
   EXPECT_TRUE(prior.known);
   EXPECT_EQ(prior.mean.theta(), 0.4);
   EXPECT_EQ(prior.key.chain, vehicle().snapshot().self);
+}
+
+TEST_F(VehicleTest, ARestartWithItsJournalHasAllItsFactsAndUsesNoIndexTwice) {
+  params_.journal = true;
+  vehicle().configure();
+  close_segment();
+  close_segment();
+  EXPECT_EQ(vehicle().snapshot().journal.written, 1U + 1U + 2U * 4U);  // origin, prior, two batches with their anchors
+  vehicle().shutdown();
+  vehicle().configure();
+  const auto snapshot = vehicle().snapshot();
+  EXPECT_EQ(snapshot.self.epoch, 2U);
+  EXPECT_EQ(snapshot.journal.restored, 10U);
+  EXPECT_EQ(snapshot.landmarks_known, 6U);
+  EXPECT_EQ(snapshot.vehicles.size(), 2U);
+  vehicle().shutdown();
+
+  std::filesystem::remove(params_.state_folder / "epoch");  // by hand: the epoch would be the first one's again
+  EXPECT_THAT(text_of([&] { vehicle().configure(); }), ::testing::HasSubstr("take an epoch that was never used"));
+  EXPECT_EQ(vehicle().state(), State::unconfigured);
+  std::filesystem::remove(params_.state_folder / "facts.journal");
+  vehicle().configure();
+  EXPECT_EQ(vehicle().snapshot().landmarks_known, 0U);
 }
 
 TEST_F(VehicleTest, ReportsEveryExportByIndexAndTrack) {
@@ -364,6 +399,13 @@ TEST_F(VehicleTest, ParametersAreChecked) {
   EXPECT_TRUE(refused([](P& p) { p.searches_per_step = 0; }));
   EXPECT_TRUE(refused([](P& p) { p.fresh_epoch = nullptr; }));
   EXPECT_TRUE(refused([](P& p) { p.drift.gamma = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.budget.burst_s = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.watchdog.deaf_s = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.submaps.peers.burst = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) {
+    p.journal = true;
+    p.state_folder.clear();
+  }));
   EXPECT_TRUE(refused([](P& p) { p.association.min_pairings = 0; }));
 }
 

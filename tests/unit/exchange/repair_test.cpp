@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <ostream>
 #include <string>
@@ -37,15 +38,22 @@ class Peer {
 
   void step(double now_s) {
     for (const auto& message : exchange_->take(now_s))
-      std::visit([&](const auto& p) { handle(p, now_s); }, message.payload);
+      std::visit([&](const auto& p) { handle(message.sender, p, now_s); }, message.payload);
     for (auto& payload : repair_.due(store, now_s)) put(std::move(payload));
-    if (now_s >= next_digest_s_) {
-      put(Digest{2, store.marks(), store.digest(), 0, 0, 0});
-      next_digest_s_ = now_s + params_.digest_period_s;
+    if (auto marks = repair_.digest_due(store, now_s)) {
+      marks_told_ += marks->size();
+      ++digests_sent_;
+      Digest digest;
+      digest.marks = std::move(*marks);
+      digest.holdings = store.holdings();
+      put(std::move(digest));
     }
   }
 
   const RepairCounters& counters() const { return repair_.counters(); }
+  std::uint64_t digests_sent() const { return digests_sent_; }
+  std::uint64_t marks_told() const { return marks_told_; }
+  std::uint64_t lost() const { return repair_.lost_count(); }
   std::uint64_t dropped() const { return exchange_->counters().dropped; }
 
   test::Store store;
@@ -59,19 +67,20 @@ class Peer {
 
   void put(Payload<SE2> payload) { ASSERT_EQ(exchange_->send({self_, std::move(payload)}), SendStatus::sent); }
 
-  void handle(const LandmarkBatch<SE2>& batch, double) {
+  void handle(const ChainId&, const LandmarkBatch<SE2>& batch, double) {
     for (const auto& landmark : batch.landmarks) keep(FactKind::landmark, landmark);
   }
-  void handle(const AnchorFact<SE2>& f, double) { keep(FactKind::anchor, f); }
-  void handle(const PriorFact<SE2>& f, double) { keep(FactKind::prior, f); }
-  void handle(const AssociationFact& f, double) { keep(FactKind::association, f); }
-  void handle(const VerdictFact& f, double) { keep(FactKind::verdict, f); }
-  void handle(const AbsoluteFixFact<SE2>& f, double) { keep(FactKind::absolute_fix, f); }
-  void handle(const EncounterFact<SE2>& f, double) { keep(FactKind::encounter, f); }
-  void handle(const WaypointFact<SE2>& f, double) { keep(FactKind::waypoint, f); }
-  void handle(const LivePose<SE2>&, double) {}
-  void handle(const Request& request, double now_s) { repair_.on_request(store, request, now_s); }
-  void handle(const Digest& digest, double) { repair_.on_digest(store, digest); }
+  template <class Fact>
+  void handle(const ChainId&, const Fact& fact, double) {
+    keep(kind_of<Fact>, fact);
+  }
+  void handle(const ChainId&, const LivePose<SE2>&, double) {}
+  void handle(const ChainId& sender, const Request& request, double now_s) {
+    repair_.on_request(store, sender, request, now_s);
+  }
+  void handle(const ChainId& sender, const Digest& digest, double now_s) {
+    repair_.on_digest(store, sender, digest, now_s);
+  }
 
   template <class Fact>
   void keep(FactKind kind, const Fact& fact) {
@@ -83,7 +92,7 @@ class Peer {
   RepairParams params_;
   RepairProtocol<SE2> repair_;
   std::unique_ptr<SubmapExchange<SE2>> exchange_;
-  double next_digest_s_ = 0.0;
+  std::uint64_t digests_sent_ = 0, marks_told_ = 0;
 };
 
 using Peers = std::vector<std::unique_ptr<Peer>>;
@@ -165,6 +174,142 @@ TEST(Repair, AsksForNothingWhenNothingIsMissing) {
     EXPECT_EQ(peer->counters().requests_sent, 0U);
     EXPECT_EQ(peer->counters().facts_served, 0U);
   }
+}
+
+TEST(Repair, WhilePeersAgreeDigestsAreRareAndTellNoMarks) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  for (const auto& fact : test::chain_facts(1, 5)) peers[0]->publish(fact);
+  const double now_s = run(peers, 0.0, 10.0);
+  ASSERT_TRUE(all_equal(peers));
+  const auto digests = peers[0]->digests_sent(), marks = peers[0]->marks_told();
+  EXPECT_GT(marks, 0U);
+  const double end_s = run(peers, now_s, now_s + 100.0);
+  EXPECT_EQ(peers[0]->marks_told(), marks);
+  EXPECT_LE(peers[0]->digests_sent() - digests, 100.0 / (0.9 * RepairParams().digest_idle_s) + 1.0);
+  EXPECT_GE(peers[0]->digests_sent() - digests, 100.0 / (1.1 * RepairParams().digest_idle_s) - 1.0);
+  // One that lacks the last fact makes both speak of their marks again, and at once.
+  peers[0]->publish(test::anchor(1, 5), false);
+  run(peers, end_s, end_s + 5.0, [&] { return all_equal(peers); });
+  EXPECT_TRUE(all_equal(peers));
+}
+
+TEST(Repair, ANewcomerIsAnsweredAtOnce) {
+  RepairParams params;
+  params.digest_period_s = params.digest_idle_s = 100.0;
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  peers.push_back(std::make_unique<Peer>(1, network, Impairment{}, params));
+  for (const auto& fact : test::chain_facts(1, 5)) peers[0]->publish(fact);
+  const double now_s = run(peers, 0.0, 20.0);
+  peers.push_back(std::make_unique<Peer>(2, network, Impairment{}, params));
+  run(peers, now_s, now_s + 5.0, [&] { return all_equal(peers); });
+  EXPECT_TRUE(all_equal(peers));
+}
+
+TEST(Repair, ADigestTellsOfItsOwnChainAndOfSomeOthersInTurn) {
+  RepairParams params;
+  params.max_chains = 3;
+  test::Store store;
+  for (VehicleId v = 1; v <= 7; ++v) store.insert(test::anchor(v, 0));
+  RepairProtocol<SE2> repair(chain_of(4), params, 1);
+  std::map<VehicleId, int> told;
+  for (std::uint32_t k = 1; k <= 6; ++k) {
+    store.insert(test::anchor(4, k));  // something to tell
+    const auto marks = repair.digest_due(store, 10.0 * k);
+    ASSERT_TRUE(marks);
+    ASSERT_EQ(marks->size(), 3U);
+    EXPECT_EQ(marks->front().chain, chain_of(4));
+    EXPECT_EQ(marks->front().high_water, k + 1);
+    for (const ChainMark& mark : *marks) ++told[mark.chain.vehicle];
+  }
+  EXPECT_EQ(told, (std::map<VehicleId, int>{{1, 2}, {2, 2}, {3, 2}, {4, 6}, {5, 2}, {6, 2}, {7, 2}}));
+}
+
+TEST(Repair, WhatAnotherHasJustAskedForIsPutOffOnce) {
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  test::Store store;
+  store.announce(chain_of(1), FactKind::anchor, 5);
+  EXPECT_TRUE(repair.due(store, 0.0).empty());
+  const Request same{chain_of(1), FactKind::anchor, {{0, 5}}}, other{chain_of(1), FactKind::anchor, {{3, 5}}};
+  repair.on_request(store, chain_of(3), other, 0.9);  // not for what is wanted first
+  EXPECT_EQ(repair.counters().requests_suppressed, 0U);
+  repair.on_request(store, chain_of(3), same, 0.9);
+  EXPECT_EQ(repair.counters().requests_suppressed, 1U);
+  EXPECT_TRUE(repair.due(store, 1.35).empty());  // it would have asked by 1.0
+  repair.on_request(store, chain_of(4), same, 1.36);
+  EXPECT_EQ(repair.counters().requests_suppressed, 1U) << "others could keep it waiting for ever";
+  EXPECT_EQ(repair.due(store, 2.0).size(), 1U);
+}
+
+TEST(Repair, WhoAsksTooOftenIsPassedOverAndTheOthersAreNot) {
+  RepairParams params;
+  params.requests_per_s = 10.0;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store;
+  store.insert(test::anchor(1, 0));
+  store.insert(test::anchor(1, 1));
+  for (int i = 0; i < 1000; ++i) repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{0, 1}}}, 5.0);
+  EXPECT_EQ(repair.counters().requests_refused, 990U);
+  repair.on_request(store, chain_of(3), {chain_of(1), FactKind::anchor, {{1, 2}}}, 5.0);
+  EXPECT_EQ(repair.counters().requests_refused, 990U);
+  EXPECT_EQ(repair.due(store, 5.0).size(), 2U);
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{0, 1}}}, 6.0);
+  EXPECT_EQ(repair.counters().requests_refused, 990U) << "it has been quiet for a second";
+}
+
+TEST(Repair, WhatIsOnItsWayIsNotServedAgain) {
+  RepairParams params;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store;
+  store.insert(test::anchor(1, 0));
+  const Request request{chain_of(1), FactKind::anchor, {{0, 1}}};
+  repair.on_request(store, chain_of(2), request, 1.0);
+  EXPECT_EQ(repair.due(store, 1.0).size(), 1U);
+  repair.on_request(store, chain_of(2), request, 1.0 + 0.5 * params.resend_s);
+  EXPECT_TRUE(repair.due(store, 1.0 + 0.6 * params.resend_s).empty());
+  repair.on_request(store, chain_of(2), request, 1.0 + 1.1 * params.resend_s);
+  EXPECT_EQ(repair.due(store, 1.0 + 1.1 * params.resend_s).size(), 1U);
+}
+
+TEST(Repair, WhatNobodyServesIsDeclaredMissingOnceItsAuthorIsGone) {
+  RepairParams params;
+  RepairProtocol<SE2> repair(chain_of(2), params, 1);
+  test::Store store;
+  Digest digest;
+  digest.marks = {{chain_of(1), FactKind::anchor, 3, 3, 0}};
+  repair.on_digest(store, chain_of(3), digest, 0.0);  // a peer knows of them, and has them not
+  const auto lost_at = [&](double now_s) {
+    (void)repair.due(store, now_s);
+    return repair.lost_count(chain_of(1));
+  };
+  double now_s = 0.0;
+  for (; now_s < 200.0; now_s += 1.0) {
+    repair.on_digest(store, chain_of(1), digest, now_s);  // the author is there: it may yet answer
+    ASSERT_EQ(lost_at(now_s), 0U) << now_s;
+  }
+  const double gone_s = now_s;
+  while (lost_at(now_s) == 0 && now_s < gone_s + 200.0) now_s += 1.0;
+  EXPECT_LT(now_s, gone_s + 20.0);
+  EXPECT_EQ(repair.lost_count(), 3U);
+  EXPECT_EQ(repair.lost_count(chain_of(3)), 0U);
+  std::size_t requests = 0;
+  for (const double end_s = now_s + 600.0; now_s < end_s; now_s += 1.0) requests += repair.due(store, now_s).size();
+  EXPECT_GE(requests, 7U) << "in case somebody comes back";
+  EXPECT_LE(requests, 14U);
+  store.insert(test::anchor(1, 0));  // one did
+  EXPECT_EQ(lost_at(now_s), 0U);
+}
+
+TEST(Repair, ALongListIsAskedForInSeveralRequests) {
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  test::Store store;
+  for (std::uint32_t k = 1; k < 400; k += 2) store.insert(test::anchor(1, k));
+  (void)repair.due(store, 0.0);
+  std::vector<std::size_t> sizes;
+  for (const auto& payload : repair.due(store, 10.0)) sizes.push_back(std::get<Request>(payload).ranges.size());
+  EXPECT_EQ(sizes, (std::vector<std::size_t>{64, 64, 64, 8}));
 }
 
 TEST(Repair, ALostTailIsFoundByTheDigest) {
@@ -322,7 +467,8 @@ TEST(Repair, WhatArrivesWithinTheGraceIsNeverAskedFor) {
 }
 
 TEST(Repair, RequestsBackOffAndNeverCease) {
-  const RepairParams params;
+  RepairParams params;
+  params.lost_after_s = 1e6;
   RepairProtocol<SE2> repair(chain_of(2), params, 1);
   test::Store store;
   store.announce(chain_of(1), FactKind::landmark, 5);
@@ -356,7 +502,7 @@ TEST(Repair, LandmarksAreServedInBatchesOfOneAnchorAndLimitedSize) {
   RepairProtocol<SE2> repair(chain_of(1), params, 1);
   test::Store store;
   for (std::uint32_t i = 0; i < 12; ++i) store.insert(test::landmark(1, i));  // four to each of three anchors
-  repair.on_request(store, {chain_of(1), FactKind::landmark, {{0, 12}}}, 100.0);
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::landmark, {{0, 12}}}, 100.0);
   const auto batches = due<LandmarkBatch<SE2>>(repair, store, 100.0);
   std::vector<std::size_t> sizes;
   std::uint32_t next = 0;
@@ -374,12 +520,14 @@ TEST(Repair, HostileRequestsAreHarmless) {
   RepairProtocol<SE2> repair(chain_of(1), {}, 1);
   test::Store store;
   for (const std::uint32_t k : {0U, 1U, 2U}) store.insert(test::anchor(1, k));
-  repair.on_request(store, {chain_of(99), FactKind::anchor, {{0, 10}}}, 100.0);        // a chain nobody knows
-  repair.on_request(store, {chain_of(1), FactKind::anchor, {{7, 2}, {5, 5}}}, 100.0);  // empty and reversed ranges
-  repair.on_request(store, {chain_of(1), FactKind::landmark, {{0, 10}}}, 100.0);       // nothing held
-  repair.on_request(store, {chain_of(1), static_cast<FactKind>(77), {{0, 10}}}, 100.0);
+  repair.on_request(store, chain_of(2), {chain_of(99), FactKind::anchor, {{0, 10}}}, 100.0);  // a chain nobody knows
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{7, 2}, {5, 5}}},
+                    100.0);  // empty and reversed ranges
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::landmark, {{0, 10}}}, 100.0);  // nothing held
+  repair.on_request(store, chain_of(2), {chain_of(1), static_cast<FactKind>(77), {{0, 10}}}, 100.0);
   EXPECT_TRUE(repair.due(store, 101.0).empty());
-  for (int i = 0; i < 1000; ++i) repair.on_request(store, {chain_of(1), FactKind::anchor, {{0, 0xffffffffU}}}, 102.0);
+  for (int i = 0; i < 1000; ++i)
+    repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{0, 0xffffffffU}}}, 102.0);
   EXPECT_EQ(repair.due(store, 103.0).size(), 3U);  // however often asked
   EXPECT_TRUE(repair.due(store, 104.0).empty());
   EXPECT_EQ(repair.counters().requests_heard, 1004U);
@@ -390,7 +538,7 @@ TEST(Repair, DigestsOfStrangersAskForNothing) {
   limits.roster = {1, 2};
   test::Store store(limits);
   RepairProtocol<SE2> repair(chain_of(2), {}, 1);
-  repair.on_digest(store, {2, {{chain_of(66), FactKind::anchor, 1000, 1000, 1}}, 0, 0, 0, 0});
+  repair.on_digest(store, chain_of(1), {2, {{chain_of(66), FactKind::anchor, 1000, 1000, 1}}}, 0.0);
   EXPECT_EQ(store.missing_count(), 0U);
   for (double now_s = 0.0; now_s < 20.0; now_s += step_s) EXPECT_TRUE(repair.due(store, now_s).empty());
 }
@@ -414,7 +562,7 @@ TEST(Repair, RefusesParametersOutOfRange) {
   EXPECT_EQ(refusal([](P& p) { p.backoff_max_s = 0.25; }),
             "repair: backoff_max_s must be at least backoff_min_s (it is 0.25)");
   EXPECT_EQ(refusal([](P& p) { p.relay_delay_s = NAN; }), "repair: relay_delay_s must be >= 0 (it is nan)");
-  EXPECT_EQ(refusal([](P& p) { p.max_ranges = 65; }), "repair: max_ranges must lie in 1..64 (it is 65)");
+  EXPECT_EQ(refusal([](P& p) { p.max_ranges = 4097; }), "repair: max_ranges must lie in 1..4096 (it is 4097)");
   EXPECT_EQ(refusal([](P& p) { p.answers_per_s = 0.0; }), "repair: answers_per_s must be > 0 (it is 0)");
   EXPECT_EQ(refusal([](P& p) { p.batch_limit = 0; }), "repair: batch_limit must lie in 1..64 (it is 0)");
 }

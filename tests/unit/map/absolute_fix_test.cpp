@@ -20,7 +20,6 @@ namespace convoy {
 namespace {
 
 using test::chain_of;
-using test::FactOf;
 using test::key_of;
 
 constexpr double sigma_m = 1.0;
@@ -264,7 +263,7 @@ TYPED_TEST(AbsoluteFixes, BetweenTwoAnchorsShareTheDriftBetweenThem) {
     fleet.drive(2, G::Exp(away), 24, 10.0);
     for (const VehicleId v : {1U, 2U})
       for (std::uint32_t k = 0; k <= 22; ++k) fleet.fleet.fix(key_of(v, k), 0.02, k - k % 4);
-    std::erase_if(fleet.fleet.facts, [](const FactOf<G>& fact) {
+    std::erase_if(fleet.fleet.facts, [](const AnyFact<G>& fact) {
       const auto* anchor = std::get_if<AnchorFact<G>>(&fact);
       return anchor != nullptr && anchor->key.index % 4 != 0;
     });
@@ -361,7 +360,7 @@ TYPED_TEST(AbsoluteFixes, OfAnUnknownChainOrAnchorWaitForIt) {
   const auto before = fleet.map(uncorrelated());
   for (std::uint32_t k = 0; k <= 8; ++k) fleet.fix(1, k), fleet.fix(2, k);
   const auto whole = fleet.map(uncorrelated());
-  const auto of_two = [](const FactOf<G>& fact, bool anchors) {
+  const auto of_two = [](const AnyFact<G>& fact, bool anchors) {
     return std::visit(
         [&](const auto& f) {
           return f.key.chain == chain_of(2) &&

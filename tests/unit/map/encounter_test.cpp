@@ -18,7 +18,6 @@ namespace convoy {
 namespace {
 
 using test::chain_of;
-using test::FactOf;
 using test::key_of;
 
 constexpr double sigma_m = 0.1;

@@ -30,7 +30,7 @@ class HostileFacts : public testing::Test {
   static GlobalMap<G> built(const FactStore<G>& store) { return build_global_map(store, params(), SparseMap<G>()); }
 
   /// Vehicle 3 says that it saw vehicle 1 `off_m` from where it was, to 5 cm, at anchor `k` of both.
-  static std::vector<test::FactOf<G>> gross_encounter(const test::SampleFleetOf<G>& fleet, std::uint32_t index,
+  static std::vector<AnyFact<G>> gross_encounter(const test::SampleFleetOf<G>& fleet, std::uint32_t index,
                                                       std::uint32_t k, double off_m) {
     const auto here = fleet.anchor(test::key_of(3, k)), there = fleet.anchor(test::key_of(1, k));
     EncounterFact<G> seen{test::key_of(3, index), k, here.state, 1};
@@ -40,7 +40,7 @@ class HostileFacts : public testing::Test {
     const WaypointFact<G> answer{test::key_of(1, index), k, there.state, seen.key, G::Point::Zero()};
     return {seen, answer};
   }
-  static void insert(FactStore<G>& store, const std::vector<test::FactOf<G>>& facts) {
+  static void insert(FactStore<G>& store, const std::vector<AnyFact<G>>& facts) {
     for (const auto& any : facts)
       std::visit([&](const auto& fact) { EXPECT_EQ(store.insert(fact), Insertion::inserted); }, any);
   }
@@ -97,7 +97,7 @@ TYPED_TEST(HostileFacts, NorInAnUpdate) {
       FactStore<G> store = test::SampleFleetOf<G>::store_of({});
       const SparseMap<G> backend;
       MapBuilder<G> builder(this->params(), backend);
-      std::vector<test::FactOf<G>> later;
+      std::vector<AnyFact<G>> later;
       for (const auto& any : fleet.facts) {
         const auto* association = std::get_if<AssociationFact>(&any);
         if (association != nullptr && association->key.index % 2 == 1) later.push_back(any);

@@ -53,7 +53,7 @@ Difference difference(Map<G>& a, Map<G>& exact) {
 
 /// Facts come in any order; after every few of them both maps are solved and compared. Returns from how many starts.
 template <class G>
-int grow_and_compare(std::vector<test::FactOf<G>> facts, std::uint64_t seed, int step) {
+int grow_and_compare(std::vector<AnyFact<G>> facts, std::uint64_t seed, int step) {
   std::mt19937_64 random(seed);
   std::shuffle(facts.begin(), facts.end(), random);
   FactStore<G> store;
@@ -153,7 +153,7 @@ TEST(IncrementalMap, WorksInWhatIsNewAlone) {
   const auto last = std::find_if(facts.rbegin(), facts.rend(),
                                  [](const auto& f) { return std::holds_alternative<AssociationFact>(f); });
   ASSERT_NE(last, facts.rend());
-  const test::FactOf<SE2> newest = *last;
+  const AnyFact<SE2> newest = *last;
   facts.erase(std::next(last).base());
   FactStore<SE2> store = test::SampleFleet::store_of(facts);
   IncrementalMap<SE2> incremental;
@@ -285,9 +285,9 @@ TEST(IncrementalMap, TwoPlacesOfOneMomentAreTwoUnknowns) {
   FactStore<SE2> store = fleet.store();
   const auto encounter = [&](std::uint32_t index, const ChainState<SE2>& state) {
     const Key key = test::key_of(1, index);
-    test::insert(store, test::FactOf<SE2>(EncounterFact<SE2>{
+    test::insert(store, AnyFact<SE2>(EncounterFact<SE2>{
                             key, 4, state, 2, {-5.0, 5.0}, 0.01 * SE2::PointCovariance::Identity()}));
-    test::insert(store, test::FactOf<SE2>(WaypointFact<SE2>{
+    test::insert(store, AnyFact<SE2>(WaypointFact<SE2>{
                             key_of(2, index), 4, fleet.anchor(test::key_of(2, 4)).state, key, {0.0, 0.0}}));
   };
   ChainState<SE2> before = fleet.anchor(test::key_of(1, 4)).state;

@@ -15,7 +15,6 @@ namespace convoy {
 namespace {
 
 using test::built;
-using test::FactOf;
 using test::SampleFleetOf;
 
 template <class G>
@@ -57,12 +56,12 @@ TYPED_TEST(Rules, ArrivalInAnyOrderWithLossRecoveryAndDuplicatesEndsInTheSameMap
     FactStore<G> store;
     const SparseMap<G> backend;
     MapBuilder<G> builder(params, backend);
-    std::for_each(facts.begin(), lost, [&](const FactOf<G>& fact) { test::insert(store, fact); });
+    std::for_each(facts.begin(), lost, [&](const AnyFact<G>& fact) { test::insert(store, fact); });
     const auto on_the_way = builder.build(store);
     expect_same_bits(on_the_way, built(store, params));
     different += on_the_way.map->digest() != reference.map->digest();
     std::shuffle(lost - 20, facts.end(), fleet.random().engine());  // some twice
-    std::for_each(lost - 20, facts.end(), [&](const FactOf<G>& fact) { test::insert(store, fact); });
+    std::for_each(lost - 20, facts.end(), [&](const AnyFact<G>& fact) { test::insert(store, fact); });
     const auto in_the_end = builder.build(store);
     ASSERT_EQ(in_the_end.facts, reference.facts);
     expect_same_bits(in_the_end, reference);
@@ -83,8 +82,8 @@ TYPED_TEST(Rules, AWithdrawnHypothesisIsOneThatNeverWas) {
   int mattered = 0;
   for (std::size_t k = 0; k < std::min<std::size_t>(4, with.selection.hypotheses.size()); ++k) {
     const Hash id = with.selection.hypotheses[k].id;
-    std::vector<FactOf<G>> never = fleet.facts;
-    std::erase_if(never, [&](const FactOf<G>& fact) {
+    std::vector<AnyFact<G>> never = fleet.facts;
+    std::erase_if(never, [&](const AnyFact<G>& fact) {
       const auto* a = std::get_if<AssociationFact>(&fact);
       return a != nullptr && hypothesis_id(a->pairings) == id;
     });
@@ -222,7 +221,7 @@ TYPED_TEST(Rules, ARestartSharesNothingWithTheEpochBefore) {
   const auto before = built(fleet.store());
   auto facts = fleet.facts;
   const ChainId old = test::chain_of(2), restarted{2, test::epoch + 1};
-  for (const FactOf<G>& fact : fleet.facts)
+  for (const AnyFact<G>& fact : fleet.facts)
     std::visit(
         [&](auto again) {
           if (again.key.chain != old) return;
@@ -283,7 +282,7 @@ TYPED_TEST(Rules, WhatTiesChainsIsTheirLandmarksAlone) {
 template <class G>
 std::pair<std::vector<AssociationFact>, SampleFleetOf<G>> parted(SampleFleetOf<G> fleet) {
   std::vector<AssociationFact> stated;
-  std::erase_if(fleet.facts, [&](const FactOf<G>& fact) {
+  std::erase_if(fleet.facts, [&](const AnyFact<G>& fact) {
     const auto* a = std::get_if<AssociationFact>(&fact);
     if (a != nullptr) stated.push_back(*a);
     return a != nullptr;
@@ -339,7 +338,7 @@ TYPED_TEST(Rules, EveryFrozenLandmarkIsOneFactorHoweverOftenItIsPaired) {
   auto fleet = test::street_fleet<G>(25);
   const auto once = built(fleet.store());
   std::vector<AssociationFact> stated;
-  for (const FactOf<G>& fact : fleet.facts)
+  for (const AnyFact<G>& fact : fleet.facts)
     if (const auto* a = std::get_if<AssociationFact>(&fact)) stated.push_back(*a);
   for (const AssociationFact& a : stated) {
     auto turned = a.pairings;

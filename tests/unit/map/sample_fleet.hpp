@@ -137,15 +137,15 @@ class SampleFleetOf {
   }
 
   FactStore<G> store() const { return store_of(facts); }
-  static FactStore<G> store_of(const std::vector<FactOf<G>>& list) {
+  static FactStore<G> store_of(const std::vector<AnyFact<G>>& list) {
     FactStore<G> store;
-    for (const FactOf<G>& fact : list) insert(store, fact);
+    for (const AnyFact<G>& fact : list) insert(store, fact);
     return store;
   }
   const AnchorFact<G>& anchor(const Key& key) const { return anchors_.at(key.chain.vehicle).at(key.index); }
   Random& random() { return random_; }
 
-  std::vector<FactOf<G>> facts;
+  std::vector<AnyFact<G>> facts;
   std::map<Key, G> truth;  ///< T_world_anchor
   std::map<Key, typename G::Point> point_of;
 

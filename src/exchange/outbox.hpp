@@ -1,0 +1,86 @@
+// Outbox: what waits to be sent under a byte budget, in the order of its worth (DESIGN A5). A token bucket over the
+// bytes that the network says it has sent, whatever for: discovery, heartbeats and repeats are paid from it, too.
+// Pure: driven by the caller's clock.
+#pragma once
+
+#include <convoy/exchange/submap_exchange.hpp>
+
+#include <array>
+#include <deque>
+#include <map>
+#include <optional>
+#include <set>
+#include <utility>
+
+namespace convoy {
+
+struct BudgetParams {
+  double bytes_per_s = 0.0;             ///< of this vehicle, everything included, >= 0; 0: no limit
+  double burst_s = 1.0;                 ///< a budget unused for so long may be spent at once, > 0
+  std::uint32_t batch_limit = 16;       ///< landmarks per message, 1..64
+  std::size_t max_waiting = 1'000'000;  ///< facts; what comes beyond is left to the repair protocol, >= 1
+};
+
+/// Throws RangeError.
+void validate(const BudgetParams& params);
+
+struct OutboxCounters {
+  std::uint64_t facts_waiting = 0;
+  std::uint64_t repeats = 0;   ///< facts that were waiting already
+  std::uint64_t replaced = 0;  ///< digests, live poses and requests that a newer one took the place of
+  std::uint64_t dropped = 0;   ///< facts beyond max_waiting
+};
+
+/// Kinds of traffic share a short budget: of six bytes, four are for facts, one for digests and requests, one for live
+/// poses; what one kind does not use is the others'. Of the facts, landmarks come last, those with the smallest
+/// covariance first. Of digests and live poses only the last one waits.
+template <class G>
+class Outbox {
+ public:
+  explicit Outbox(const BudgetParams& params);
+
+  /// False if it was dropped.
+  bool put(Message<G> message);
+
+  /// The next message that the budget allows. `bytes_sent`: ExchangeCounters::bytes_sent of the network, as of now.
+  std::optional<Message<G>> next(double now_s, std::uint64_t bytes_sent);
+
+  /// What next() has handed out and the network did not take goes back to its place, unless something newer has it.
+  void put_back(Message<G> message);
+
+  bool empty() const;
+  const OutboxCounters& counters() const { return counters_; }
+
+ private:
+  using FactId = std::pair<FactKind, Key>;
+  enum Traffic : std::uint8_t { control, facts, live };
+  static constexpr std::array<double, 3> weight = {1.0, 4.0, 1.0};
+
+  template <class Fact>
+  bool put_fact(const ChainId& sender, const Fact& fact);
+  bool put_landmarks(const ChainId& sender, const LandmarkBatch<G>& batch);
+  bool note(FactKind kind, const Key& key);
+  bool waits(Traffic traffic) const;
+  void spend(double now_s, std::uint64_t bytes_sent);
+  Message<G> take(Traffic traffic);
+  Message<G> take_landmarks();
+
+  BudgetParams params_;
+  std::optional<Message<G>> digest_, live_;
+  std::deque<Message<G>> requests_;
+  std::deque<Message<G>> facts_;  // all but landmarks
+  struct Batch {
+    ChainId sender;
+    std::multimap<double, LandmarkFact<G>> landmarks;  // by log det of the covariance
+  };
+  std::map<Key, Batch> batches_;  // by anchor
+  std::set<FactId> waiting_;
+  std::array<double, 3> spent_{};  // bytes over weight
+  std::optional<Traffic> last_;    // what the bytes since then are put down to
+  double tokens_;
+  std::optional<double> at_s_;
+  std::uint64_t bytes_sent_ = 0;
+  OutboxCounters counters_;
+};
+
+}  // namespace convoy
