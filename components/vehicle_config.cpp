@@ -574,7 +574,9 @@ void save_vehicle_config(const VehicleConfig<G>& config, const std::filesystem::
 
 template <class G>
 std::unique_ptr<SubmapExchange<G>> open_exchange(const VehicleConfig<G>& config) {
-  std::unique_ptr<SubmapExchange<G>> exchange = std::make_unique<dds::DdsExchange<G>>(config.dds);
+  dds::DdsConfig dds = config.dds;
+  dds.vehicle = config.vehicle.id;
+  std::unique_ptr<SubmapExchange<G>> exchange = std::make_unique<dds::DdsExchange<G>>(dds);
   if (!config.impairment.any()) return exchange;
   return std::make_unique<ImpairedExchange<G>>(std::move(exchange), config.impairment);
 }

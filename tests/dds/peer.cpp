@@ -105,6 +105,7 @@ int main(int argc, char** argv) {
   config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
   if (argc > 4) config.interface_whitelist = {argv[4]};
   const auto vehicle = static_cast<VehicleId>(std::stoul(argv[3]));
+  config.vehicle = vehicle;
   dds::DdsExchange<SE2> exchange(config);
   Held held;
   std::cout << "ready" << std::endl;

@@ -145,6 +145,10 @@ TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
   EXPECT_THAT(refusal(config), HasSubstr("or in vehicle.xml:3 (<dds interfaces=\"...\">)"));
 }
 
+TEST(ProfileFile, ATransportThatCannotBeCountedIsRefused) {
+  EXPECT_THAT(refusal("<type>UDPv4</type>", "<type>UDPv6</type>"), HasSubstr("none of UDPv4, TCPv4 and SHM"));
+}
+
 TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {
   DdsConfig config = config_of_this_test();
   config.profile_file = CONVOY_QOS_PROFILES "/lan.xml";

@@ -1,0 +1,58 @@
+// A layer above a transport of Fast DDS. Its ChainingTransport serves UDP only: above TCP it opens one channel more for
+// every endpoint that is found, so that every message leaves many times, and above shared memory it is taken for
+// something else. What is missing for these is here.
+#pragma once
+
+#include <fastdds/rtps/transport/ChainingTransport.h>
+#include <fastdds/rtps/transport/ChainingTransportDescriptor.h>
+#include <fastdds/rtps/transport/shared_mem/SharedMemTransportDescriptor.h>
+
+#include <chrono>
+#include <cstdint>
+#include <memory>
+
+namespace convoy::dds {
+
+class ChainedTransport : public eprosima::fastdds::rtps::ChainingTransport {
+ public:
+  using ChainingTransport::ChainingTransport;
+
+  bool OpenOutputChannel(eprosima::fastdds::rtps::SendResourceList& senders,
+                         const eprosima::fastrtps::rtps::Locator_t& locator) override;
+  void shutdown() override { low_level_transport_->shutdown(); }
+
+  /// Sends a message through `below`. `destinations` are of this transport and of that channel alone, and not empty.
+  virtual bool send(eprosima::fastrtps::rtps::SenderResource& below, const eprosima::fastrtps::rtps::octet* buffer,
+                    std::uint32_t size, const eprosima::fastrtps::rtps::LocatorList_t& destinations,
+                    const std::chrono::steady_clock::time_point& until) = 0;
+
+ private:
+  bool send(eprosima::fastrtps::rtps::SenderResource*, const eprosima::fastrtps::rtps::octet*, std::uint32_t,
+            eprosima::fastrtps::rtps::LocatorsIterator*, eprosima::fastrtps::rtps::LocatorsIterator*,
+            const std::chrono::steady_clock::time_point&) final {
+    return false;  // for the sender resources of ChainingTransport, of which there are none
+  }
+
+  // TCP looks here for channels it has opened, and knows only resources of its own.
+  eprosima::fastdds::rtps::SendResourceList below_;
+};
+
+/// Hands the whole message to `below`.
+bool send_on(eprosima::fastrtps::rtps::SenderResource& below, const eprosima::fastrtps::rtps::octet* buffer,
+             std::uint32_t size, const eprosima::fastrtps::rtps::LocatorList_t& destinations,
+             const std::chrono::steady_clock::time_point& until);
+
+/// Layers above shared memory. A participant asks by the type of its descriptors whether it has shared memory, and does
+/// not use that of its peers otherwise.
+class ChainedSharedMemDescriptor final : public eprosima::fastdds::rtps::SharedMemTransportDescriptor {
+ public:
+  ChainedSharedMemDescriptor(const SharedMemTransportDescriptor& shared_mem,
+                             std::shared_ptr<TransportDescriptorInterface> layers)
+      : SharedMemTransportDescriptor(shared_mem), layers_(std::move(layers)) {}
+  eprosima::fastdds::rtps::TransportInterface* create_transport() const override { return layers_->create_transport(); }
+
+ private:
+  std::shared_ptr<TransportDescriptorInterface> layers_;
+};
+
+}  // namespace convoy::dds
