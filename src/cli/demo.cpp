@@ -86,7 +86,7 @@ class Demo {
  public:
   explicit Demo(const DemoOptions& options) : options_(options) {
     if (!(options.rate > 0.0)) throw ConfigError("demo: --rate must be > 0");
-    impairment_ = Impairment::parse(options.impair);
+    impairment_ = Impairments::parse(options.impair);
     if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json")) refuse_folder();
   }
 
@@ -173,7 +173,8 @@ class Demo {
       c.dds.domain = domain_;
       c.dds.profile_file = "../profile.xml";
       c.impairment = impairment_;
-      c.impairment.seed += log.id;
+      c.impairment.received.seed += log.id;
+      c.impairment.sent.seed += log.id;
       c.sensors.file = "sensors.csv";
       c.sensors.encounters = options_.encounters;
       c.sensors.rate = options_.rate;
@@ -359,7 +360,7 @@ class Demo {
   }
 
   DemoOptions options_;
-  Impairment impairment_;
+  Impairments impairment_;
   Scenario<G> scenario_;
   std::uint32_t domain_ = 0;
   double start_unix_s_ = 0.0;

@@ -330,6 +330,7 @@ std::shared_ptr<transport::TransportDescriptorInterface> counted(
     const std::shared_ptr<transport::TransportDescriptorInterface>& profile, const DdsConfig& config,
     const std::string& where, const std::shared_ptr<WireCounters>& counters) {
   const auto above = [&](std::shared_ptr<transport::TransportDescriptorInterface> below) {
+    if (config.wrap_transport) below = config.wrap_transport(std::move(below), counters);
     return std::make_shared<CountingTransportDescriptor>(std::move(below), counters);
   };
   if (const auto udp = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(profile))
@@ -500,7 +501,7 @@ ExchangeCounters DdsExchange<G>::counters() const {
   counters.send_rejected = impl_->rejected;
   counters.undecodable = impl_->inbox.undecodable;
   counters.hostile = impl_->inbox.hostile;
-  counters.dropped = impl_->inbox.dropped;
+  counters.dropped = impl_->inbox.dropped + impl_->wire->dropped;
   return counters;
 }
 

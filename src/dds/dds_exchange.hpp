@@ -6,15 +6,23 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
-namespace eprosima::fastdds::dds {
+namespace eprosima::fastdds {
+namespace dds {
 class DomainParticipant;
 }
+namespace rtps {
+struct TransportDescriptorInterface;
+}
+}  // namespace eprosima::fastdds
 
 namespace convoy::dds {
+
+struct WireCounters;
 
 struct DdsConfig {
   std::uint32_t domain = 0;                      ///< DDS domain, 0..232; unused with an injected participant
@@ -24,6 +32,12 @@ struct DdsConfig {
   std::string origin;                            ///< "file:line" of the whitelist's text, for errors; may be empty
   std::uint32_t vehicle = 0;                     ///< names the participant in its GUID, for diagnosis; proves nothing
   std::size_t max_queued_messages = 65536;       ///< received and not yet taken, >= 1; what comes beyond is dropped
+
+  /// Puts a transport of one's own between the byte counter and each transport of the profile, for trials; see
+  /// impaired_transport.hpp. What it drops on purpose it adds to WireCounters::dropped.
+  std::function<std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface>(
+      std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> below, std::shared_ptr<WireCounters>)>
+      wrap_transport;
 
   /// The host's own participant, in place of one from the profile. It must outlive the exchange. Its transports are
   /// the host's affair: bytes_sent stays 0, and the whitelist has no effect.
