@@ -136,8 +136,8 @@ class Demo {
     if (!options_.profile.empty()) return options_.profile;
     for (const fs::path& folder :
          {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
-      if (fs::exists(folder / "loopback.xml")) return folder / "loopback.xml";
-    throw ConfigError("demo: loopback.xml not found; name it with --profile");
+      if (fs::exists(folder / "loopback_udp.xml")) return folder / "loopback.xml";
+    throw ConfigError("demo: loopback_udp.xml not found; name it with --profile");
   }
 
   // Vehicles of another fleet that are heard on the domain, before ours speak. Both fleets would number their vehicles

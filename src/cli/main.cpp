@@ -82,7 +82,7 @@ int main(int argc, char** argv) {
       ->add_option("--first-epoch", demo.first_epoch,
                    "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock")
       ->check(whole_number);
-  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")
+  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback_udp.xml)")
       ->check(CLI::ExistingFile);
   demo_command->callback([&] {
     if (!dataset.empty()) {

@@ -24,7 +24,8 @@ std::uint32_t domain_of_this_test() {
   throw std::logic_error("no test is running");
 }
 
-std::string loopback_profile() { return CONVOY_QOS_PROFILES "/loopback.xml"; }
+std::string profile_named(const std::string& name) { return CONVOY_QOS_PROFILES "/" + name + ".xml"; }
+std::string loopback_profile() { return profile_named("loopback_udp"); }
 
 DdsConfig config_of_this_test() {
   DdsConfig config;
@@ -119,8 +120,8 @@ int Child::finish() {
   return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
 }
 
-std::vector<std::string> peer_command(VehicleId vehicle) {
-  return {CONVOY_DDS_PEER, loopback_profile(), std::to_string(domain_of_this_test()), std::to_string(vehicle)};
+std::vector<std::string> peer_command(VehicleId vehicle, const std::string& profile) {
+  return {CONVOY_DDS_PEER, profile, std::to_string(domain_of_this_test()), std::to_string(vehicle)};
 }
 
 }  // namespace convoy::dds::testing

@@ -1,6 +1,8 @@
-// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS or - [IMPAIRMENT]]
+// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS] [OPTION...]
+// Options: impair=IMPAIRMENT.
 // Driven by lines on standard input:
 //   peers N           waits for N peers, prints "peers N" or "no peers"
+//   now N             the same, without waiting
 //   send FIRST COUNT  sends anchors of these indices, prints "sent COUNT"
 //   pair N            sends one association of N pairings, prints "paired N" or "not paired"
 //   expect N          takes until N different facts are held, prints "held N" (what is held at the deadline)
@@ -25,7 +27,7 @@ using namespace convoy;
 
 namespace {
 
-constexpr double deadline_s = 15.0;
+constexpr double deadline_s = 60.0;
 using Held = std::set<std::pair<FactKind, Key>>;
 
 void take(dds::DdsExchange<SE2>& exchange, Held& held) {
@@ -108,10 +110,14 @@ int main(int argc, char** argv) {
   dds::DdsConfig config;
   config.profile_file = argv[1];
   config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
-  if (argc > 4 && std::string(argv[4]) != "-") config.interface_whitelist = {argv[4]};
   const auto vehicle = static_cast<VehicleId>(std::stoul(argv[3]));
   config.vehicle = vehicle;
-  const auto network = argc > 5 ? dds::impair(config, Impairments::parse(argv[5])) : nullptr;
+  std::shared_ptr<dds::ImpairedNetwork> network;
+  for (int i = 4; i < argc; ++i) {
+    const std::string option = argv[i];
+    if (option.starts_with("impair=")) network = dds::impair(config, Impairments::parse(option.substr(7)));
+    else config.interface_whitelist = {option};
+  }
   dds::DdsExchange<SE2> exchange(config);
   Held held;
   std::cout << "ready" << std::endl;
@@ -120,8 +126,9 @@ int main(int argc, char** argv) {
     std::string verb;
     std::uint32_t first = 0, count = 0;
     words >> verb >> first >> count;
-    if (verb == "peers") {
-      std::cout << (exchange.wait_for_peers(first, deadline_s) ? "peers " + std::to_string(first) : "no peers")
+    if (verb == "peers" || verb == "now") {
+      std::cout << (exchange.wait_for_peers(first, verb == "now" ? 0.0 : deadline_s) ? "peers " + std::to_string(first)
+                                                                                     : "no peers")
                 << std::endl;
     } else if (verb == "send") {
       std::cout << "sent " << send(exchange, vehicle, first, count) << std::endl;
