@@ -10,6 +10,9 @@ namespace rtps = eprosima::fastrtps::rtps;
 
 namespace {
 
+constexpr std::chrono::seconds reopening_pause{1};
+
+/// What the participant holds.
 class Sender final : public rtps::SenderResource {
  public:
   Sender(ChainedTransport& transport, rtps::SenderResource& below, const rtps::Locator_t& opened_for)
@@ -36,12 +39,58 @@ class Sender final : public rtps::SenderResource {
 
 }  // namespace
 
+/// Stands for a resource of the transport below, and opens a failed connection anew.
+class ChainedTransport::Channel final : public rtps::SenderResource {
+ public:
+  Channel(ChainedTransport& transport, rtps::SenderResource* below, const rtps::Locator_t& opened_for)
+      : SenderResource(below->kind()), transport_(transport), below_(below), opened_for_(opened_for) {
+    send_lambda_ = [this](const rtps::octet* buffer, std::uint32_t size, rtps::LocatorsIterator* begin,
+                          rtps::LocatorsIterator* end, const std::chrono::steady_clock::time_point& until) {
+      const std::lock_guard lock(mutex_);
+      const bool sent = below_ != nullptr && below_->send(buffer, size, begin, end, until);
+      if (!sent && kind() == LOCATOR_KIND_TCPv4) reopen();
+      return sent;
+    };
+  }
+  void add_locators_to_list(rtps::LocatorList_t& locators) const override {
+    const std::lock_guard lock(mutex_);
+    if (below_ != nullptr) below_->add_locators_to_list(locators);
+  }
+
+ private:
+  /// The peer may have connected again: then there is a new connection to it, and ours is the old one.
+  void reopen() {
+    const auto now = std::chrono::steady_clock::now();
+    if (now - reopened_ < reopening_pause) return;
+    reopened_ = now;
+    const std::lock_guard lock(transport_.mutex_);
+    auto& all = transport_.below_;
+    std::erase_if(all, [this](const auto& resource) { return resource.get() == below_; });
+    const std::size_t known = all.size();
+    transport_.low_level_transport_->OpenOutputChannel(all, opened_for_);
+    below_ = all.size() > known ? all.back().get() : nullptr;
+  }
+
+  ChainedTransport& transport_;
+  mutable std::mutex mutex_;
+  rtps::SenderResource* below_;
+  const rtps::Locator_t opened_for_;
+  std::chrono::steady_clock::time_point reopened_ = std::chrono::steady_clock::now();
+};
+
+ChainedTransport::ChainedTransport(const eprosima::fastdds::rtps::ChainingTransportDescriptor& descriptor)
+    : ChainingTransport(descriptor) {}
+ChainedTransport::~ChainedTransport() = default;
+
 bool ChainedTransport::OpenOutputChannel(eprosima::fastdds::rtps::SendResourceList& senders,
                                          const rtps::Locator_t& locator) {
+  const std::lock_guard lock(mutex_);
   const std::size_t known = below_.size();
   const bool opened = low_level_transport_->OpenOutputChannel(below_, locator);
-  for (std::size_t i = known; i < below_.size(); ++i)
-    senders.push_back(std::make_unique<Sender>(*this, *below_[i], locator));
+  for (std::size_t i = known; i < below_.size(); ++i) {
+    channels_.push_back(std::make_unique<Channel>(*this, below_[i].get(), locator));
+    senders.push_back(std::make_unique<Sender>(*this, *channels_.back(), locator));
+  }
   return opened;
 }
 

@@ -1,6 +1,7 @@
 // A layer above a transport of Fast DDS. Its ChainingTransport serves UDP only: above TCP it opens one channel more for
 // every endpoint that is found, so that every message leaves many times, and above shared memory it is taken for
-// something else. What is missing for these is here.
+// something else. What is missing for these is here; and TCP speaks again to a peer that has come back, to which Fast
+// DDS 2.9.1 alone goes on sending through the connection that is gone.
 #pragma once
 
 #include <fastdds/rtps/transport/ChainingTransport.h>
@@ -10,12 +11,15 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <mutex>
+#include <vector>
 
 namespace convoy::dds {
 
 class ChainedTransport : public eprosima::fastdds::rtps::ChainingTransport {
  public:
-  using ChainingTransport::ChainingTransport;
+  explicit ChainedTransport(const eprosima::fastdds::rtps::ChainingTransportDescriptor& descriptor);
+  ~ChainedTransport() override;
 
   bool OpenOutputChannel(eprosima::fastdds::rtps::SendResourceList& senders,
                          const eprosima::fastrtps::rtps::Locator_t& locator) override;
@@ -33,8 +37,12 @@ class ChainedTransport : public eprosima::fastdds::rtps::ChainingTransport {
     return false;  // for the sender resources of ChainingTransport, of which there are none
   }
 
+  class Channel;
+
+  std::mutex mutex_;  // of the two lists
   // TCP looks here for channels it has opened, and knows only resources of its own.
   eprosima::fastdds::rtps::SendResourceList below_;
+  std::vector<std::unique_ptr<Channel>> channels_;  // one for each of below_, and as long as this
 };
 
 /// Hands the whole message to `below`.

@@ -60,6 +60,7 @@ void sweep_shared_memory() {
   for (const auto& entry : std::filesystem::directory_iterator("/dev/shm")) {
     const std::string lock = entry.path();
     if (!entry.path().filename().string().starts_with("fastrtps_") || !lock.ends_with(lock_suffix)) continue;
+    if (std::filesystem::file_time_type::clock::now() - entry.last_write_time() < std::chrono::seconds(1)) continue;
     const int file = open(lock.c_str(), O_RDONLY | O_CLOEXEC);
     if (file >= 0 && flock(file, LOCK_EX | LOCK_NB) == 0) {
       std::filesystem::remove(lock.substr(0, lock.size() - lock_suffix.size()));
