@@ -1,5 +1,6 @@
 #include <convoy/components/vehicle_config.hpp>
 #include <convoy/config_error.hpp>
+#include <convoy/dds/impaired_transport.hpp>
 #include <convoy/dds/xml_fault.hpp>
 
 #include <tinyxml2.h>
@@ -18,6 +19,19 @@ namespace convoy {
 namespace {
 
 // One description of every entry serves reading and writing: visit(element, attribute, value).
+template <class Visitor>
+void describe(const char* element, Impairment& i, Visitor& visit) {
+  visit(element, "loss", i.loss);
+  visit(element, "duplicate", i.duplicate);
+  visit(element, "delay_s", i.delay_s);
+  visit(element, "jitter_s", i.jitter_s);
+  visit(element, "reorder", i.reorder);
+  visit(element, "rate_bytes_per_s", i.rate_bytes_per_s);
+  visit(element, "queue_s", i.queue_s);
+  visit(element, "partitions", i.partitions);
+  visit(element, "seed", i.seed);
+}
+
 template <class G, class Visitor>
 void describe(VehicleConfig<G>& c, Visitor&& visit) {
   constexpr bool in_space = G::Dim == 3;
@@ -38,11 +52,8 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("dds", "interfaces", c.dds.interface_whitelist);
   visit("dds", "max_queued_messages", c.dds.max_queued_messages);
 
-  visit("impairment", "loss", c.impairment.loss);
-  visit("impairment", "duplicate", c.impairment.duplicate);
-  visit("impairment", "delay_s", c.impairment.delay_s);
-  visit("impairment", "jitter_s", c.impairment.jitter_s);
-  visit("impairment", "seed", c.impairment.seed);
+  describe("impairment", c.impairment.received, visit);
+  describe("impairment_sent", c.impairment.sent, visit);
 
   RangeBearingEkfParams& f = c.front_end;
   visit("front_end", "sigma_along_per_sqrt_m", f.sigma_along_per_sqrt_m);
@@ -289,6 +300,13 @@ void parse(const std::string& where, const char* text, MapBackend& value) {
   parse_choice<MapBackend>(where, text, value, {{"sparse", MapBackend::sparse}, {"ekf", MapBackend::ekf}});
 }
 void parse(const std::string&, const char* text, std::string& value) { value = text; }
+void parse(const std::string& where, const char* text, Partition& value) {
+  try {
+    value = Partition::parse(text);
+  } catch (const ConfigError& error) {
+    refuse(where, error.what());
+  }
+}
 void parse(const std::string&, const char* text, std::filesystem::path& value) { value = text; }
 
 template <class Item>
@@ -310,6 +328,7 @@ std::string text_of(DriftModel model) { return model == DriftModel::local ? "loc
 std::string text_of(SearchMethod method) { return to_string(method); }
 std::string text_of(MapBackend backend) { return backend == MapBackend::sparse ? "sparse" : "ekf"; }
 std::string text_of(const std::string& value) { return value; }
+std::string text_of(const Partition& partition) { return to_string(partition); }
 std::string text_of(const std::filesystem::path& value) { return value.string(); }
 template <class Item>
 std::string text_of(const std::vector<Item>& list) {
@@ -564,7 +583,8 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
   check(file, lines, "budget", config.vehicle.budget);
   check(file, lines, "peers", config.vehicle.submaps.peers);
   check(file, lines, "watchdog", config.vehicle.watchdog);
-  check(file, lines, "impairment", config.impairment);
+  check(file, lines, "impairment", config.impairment.received);
+  check(file, lines, "impairment_sent", config.impairment.sent);
   if (config.first_epoch != 0) config.vehicle.fresh_epoch = [epoch = config.first_epoch] { return epoch; };
 
   config.dds.origin = at(file, lines.of("dds", "interfaces"));
@@ -607,9 +627,10 @@ void save_vehicle_config(const VehicleConfig<G>& config, const std::filesystem::
 
 template <class G>
 std::unique_ptr<SubmapExchange<G>> open_exchange(const VehicleConfig<G>& config) {
-  std::unique_ptr<SubmapExchange<G>> exchange = std::make_unique<dds::DdsExchange<G>>(config.dds);
-  if (!config.impairment.any()) return exchange;
-  return std::make_unique<ImpairedExchange<G>>(std::move(exchange), config.impairment);
+  dds::DdsConfig dds = config.dds;
+  dds.vehicle = config.vehicle.id;
+  if (config.impairment.any()) dds::impair(dds, config.impairment);
+  return std::make_unique<dds::DdsExchange<G>>(dds);
 }
 
 #define CONVOY_INSTANTIATE(G)                                                               \

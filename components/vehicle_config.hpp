@@ -52,7 +52,7 @@ struct VehicleConfig {
   Epoch first_epoch = 0;  ///< of a fresh state folder; 0: by the clock, as it should be outside of trials
   RangeBearingEkfParams front_end;
   dds::DdsConfig dds;
-  Impairment impairment;  ///< of what is received, above the middleware; for trials
+  Impairments impairment;  ///< of the network, for trials; see dds/impaired_transport.hpp
   SensorLogConfig<G> sensors;
   std::filesystem::path output_folder;  ///< what a run writes; default: the folder of the file
 };

@@ -86,7 +86,7 @@ class Demo {
  public:
   explicit Demo(const DemoOptions& options) : options_(options) {
     if (!(options.rate > 0.0)) throw ConfigError("demo: --rate must be > 0");
-    impairment_ = Impairment::parse(options.impair);
+    impairment_ = Impairments::parse(options.impair);
     if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json")) refuse_folder();
   }
 
@@ -136,8 +136,8 @@ class Demo {
     if (!options_.profile.empty()) return options_.profile;
     for (const fs::path& folder :
          {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
-      if (fs::exists(folder / "loopback.xml")) return folder / "loopback.xml";
-    throw ConfigError("demo: loopback.xml not found; name it with --profile");
+      if (fs::exists(folder / "loopback_udp.xml")) return folder / "loopback.xml";
+    throw ConfigError("demo: loopback_udp.xml not found; name it with --profile");
   }
 
   // Vehicles of another fleet that are heard on the domain, before ours speak. Both fleets would number their vehicles
@@ -173,7 +173,8 @@ class Demo {
       c.dds.domain = domain_;
       c.dds.profile_file = "../profile.xml";
       c.impairment = impairment_;
-      c.impairment.seed += log.id;
+      c.impairment.received.seed += log.id;
+      c.impairment.sent.seed += log.id;
       c.sensors.file = "sensors.csv";
       c.sensors.encounters = options_.encounters;
       c.sensors.rate = options_.rate;
@@ -359,7 +360,7 @@ class Demo {
   }
 
   DemoOptions options_;
-  Impairment impairment_;
+  Impairments impairment_;
   Scenario<G> scenario_;
   std::uint32_t domain_ = 0;
   double start_unix_s_ = 0.0;

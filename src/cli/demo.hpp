@@ -18,7 +18,7 @@ struct DemoOptions {
   bool space = false;                   ///< the street climbs and falls, and everything is SE(3)
   std::uint64_t seed = 1;               ///< of the street, and of the priors of victoria-park
   double rate = 10.0;                   ///< vehicle seconds per second, > 0
-  std::string impair;                   ///< Impairment::parse; on what every vehicle receives
+  std::string impair;                   ///< Impairments::parse; the network of every vehicle
   bool literal = false;                 ///< the paper's own method: literal drift, EKF map, Fig. 5 search
   bool encounters = false;              ///< vehicles that see each other say so (the paper's do not)
   bool restart_lost = false;            ///< start a vehicle whose process died again, once

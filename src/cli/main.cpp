@@ -66,7 +66,8 @@ int main(int argc, char** argv) {
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
       ->check(CLI::Range(0.01, 1000.0));
   demo_command->add_option("--impair", demo.impair,
-                           "loss=0.3,duplicate=0.2,delay=0.1,jitter=0.5,seed=7 on what is received");
+                           "loss=0.3,duplicate=0.2,delay=100ms,jitter=50ms,reorder=0.1,rate=100kB/s,"
+                           "partition=3+4@10s..70s,seed=7 on what is received; with out. before it, on what is sent");
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
   demo_command->add_flag("--encounters", demo.encounters,
                          "use what the vehicles see of each other (mrclam), beside landmarks");
@@ -81,7 +82,7 @@ int main(int argc, char** argv) {
       ->add_option("--first-epoch", demo.first_epoch,
                    "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock")
       ->check(whole_number);
-  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback.xml)")
+  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback_udp.xml)")
       ->check(CLI::ExistingFile);
   demo_command->callback([&] {
     if (!dataset.empty()) {

@@ -1,6 +1,7 @@
 #include <arpa/inet.h>
 #include <ifaddrs.h>
 #include <netinet/in.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <convoy/dds/convert.hpp>
@@ -9,7 +10,9 @@
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/profile_file.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/submap/content_hash.hpp>
 
+#include <fastdds/rtps/transport/TCPv4TransportDescriptor.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
@@ -26,6 +29,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <deque>
+#include <fstream>
 #include <map>
 #include <mutex>
 #include <random>
@@ -34,6 +38,7 @@ namespace convoy::dds {
 
 namespace edds = eprosima::fastdds::dds;
 namespace rtps = eprosima::fastrtps::rtps;
+namespace transport = eprosima::fastdds::rtps;
 using eprosima::fastrtps::types::ReturnCode_t;
 
 namespace {
@@ -249,14 +254,33 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
   rtps::GUID_t own_writer_;
 };
 
-/// A prefix that no other participant has, not even one of this process. Fast DDS then hands our own samples back in
-/// memory, where they cost no bytes, while vehicles that share a process still meet on sockets as they would apart.
-rtps::GuidPrefix_t random_prefix() {
+/// The same in all processes of this machine, whatever their namespaces; two bytes of it.
+std::uint16_t this_machine() {
+  std::string name;
+  if (!std::getline(std::ifstream("/proc/sys/kernel/random/boot_id"), name)) {
+    char host[256] = {};
+    gethostname(host, sizeof host - 1);
+    name = host;
+  }
+  ContentHash hash;
+  for (const char c : name) hash.add(static_cast<unsigned char>(c), 1);
+  return static_cast<std::uint16_t>(hash.value());
+}
+
+/// Bytes 0-1: vendor, 2-3: machine, 4-7: random, 8-11: vehicle id. Fast DDS takes equal bytes 0-3 for one machine, and
+/// equal bytes 0-7 for one process, within which it speaks in memory. No other participant has our random bytes, not
+/// even one of this process: our own samples come back in memory, where they cost no bytes, while vehicles that share a
+/// process still meet on sockets as they would apart. The id tells who is who in a trace; it proves nothing.
+rtps::GuidPrefix_t new_prefix(VehicleId vehicle) {
   rtps::GuidPrefix_t prefix;
   std::random_device random;
-  for (rtps::octet& byte : prefix.value) byte = static_cast<rtps::octet>(random());
-  prefix.value[0] = 0x01;  // eProsima, as every participant of Fast DDS
-  prefix.value[1] = 0x0f;
+  const auto put = [&](int at, std::uint64_t value, int bytes) {
+    for (int i = bytes; i-- > 0; value >>= 8) prefix.value[at + i] = static_cast<rtps::octet>(value);
+  };
+  put(0, 0x010f, 2);  // eProsima, as every participant of Fast DDS
+  put(2, this_machine(), 2);
+  put(4, random(), 4);
+  put(8, vehicle, 4);
   return prefix;
 }
 
@@ -286,34 +310,50 @@ void check_interfaces(const std::string& where, const std::vector<std::string>& 
   }
 }
 
+/// A transport of sockets that speaks on the given interfaces only.
+template <class Sockets>
+std::shared_ptr<Sockets> restricted(const Sockets& profile, const DdsConfig& config, const std::string& where) {
+  auto sockets = std::make_shared<Sockets>(profile);
+  if (!config.interface_whitelist.empty()) sockets->interfaceWhiteList = config.interface_whitelist;
+  if (sockets->interfaceWhiteList.empty())
+    throw ConfigError(
+        where +
+        "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport descriptor or in " +
+        (config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)"));
+  const bool from_config = !config.interface_whitelist.empty() && !config.origin.empty();
+  check_interfaces(from_config ? config.origin + ": " : where, sockets->interfaceWhiteList);
+  return sockets;
+}
+
+/// The transport of a profile with a counter above it.
+std::shared_ptr<transport::TransportDescriptorInterface> counted(
+    const std::shared_ptr<transport::TransportDescriptorInterface>& profile, const DdsConfig& config,
+    const std::string& where, const std::shared_ptr<WireCounters>& counters) {
+  const auto above = [&](std::shared_ptr<transport::TransportDescriptorInterface> below) {
+    if (config.wrap_transport) below = config.wrap_transport(std::move(below), counters);
+    return std::make_shared<CountingTransportDescriptor>(std::move(below), counters);
+  };
+  if (const auto udp = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(profile))
+    return above(restricted(*udp, config, where));
+  if (const auto tcp = std::dynamic_pointer_cast<transport::TCPv4TransportDescriptor>(profile))
+    return above(restricted(*tcp, config, where));
+  if (const auto memory = std::dynamic_pointer_cast<transport::SharedMemTransportDescriptor>(profile))
+    return std::make_shared<ChainedSharedMemDescriptor>(*memory, above(memory));
+  throw ConfigError(where + "a transport is none of UDPv4, TCPv4 and SHM; its bytes cannot be counted");
+}
+
 /// Puts a counter between the participant and each transport of its profile.
 void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, const ProfileFile& profiles,
                       const std::shared_ptr<WireCounters>& counters) {
-  using eprosima::fastdds::rtps::UDPv4TransportDescriptor;
   const std::string where = profiles.where("participant", config.participant_profile) + ": participant profile '" +
                             config.participant_profile + "': ";
-  const std::string origin =
-      config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)";
   if (qos.transport().use_builtin_transports)
     throw ConfigError(where +
                       "write <useBuiltinTransports>false</useBuiltinTransports>; the built-in transports speak "
                       "on every interface and cannot be counted");
   if (qos.transport().user_transports.empty())
-    throw ConfigError(where + "no transport; name a UDPv4 transport descriptor in <userTransports>");
-  for (auto& descriptor : qos.transport().user_transports) {
-    const auto profile = std::dynamic_pointer_cast<UDPv4TransportDescriptor>(descriptor);
-    if (!profile) throw ConfigError(where + "a transport is not UDPv4; its bytes cannot be counted");
-    auto udp = std::make_shared<UDPv4TransportDescriptor>(*profile);
-    if (!config.interface_whitelist.empty()) udp->interfaceWhiteList = config.interface_whitelist;
-    if (udp->interfaceWhiteList.empty())
-      throw ConfigError(where +
-                        "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport "
-                        "descriptor or in " +
-                        origin);
-    const bool from_config = !config.interface_whitelist.empty() && !config.origin.empty();
-    check_interfaces(from_config ? config.origin + ": " : where, udp->interfaceWhiteList);
-    descriptor = std::make_shared<CountingTransportDescriptor>(std::move(udp), counters);
-  }
+    throw ConfigError(where + "no transport; name a transport descriptor in <userTransports>");
+  for (auto& descriptor : qos.transport().user_transports) descriptor = counted(descriptor, config, where, counters);
 }
 
 void check(const DdsConfig& config) {
@@ -348,7 +388,7 @@ class Entities {
                           const std::shared_ptr<WireCounters>& counters) {
     edds::DomainParticipantQos qos = profiles.participant(config.participant_profile);
     count_transports(qos, config, profiles, counters);
-    qos.wire_protocol().prefix = random_prefix();
+    qos.wire_protocol().prefix = new_prefix(config.vehicle);
     own_ = need(factory_->create_participant(config.domain, qos), domain_,
                 "participant '" + config.participant_profile + "' in domain " + std::to_string(config.domain));
     domain_.participant = own_;
@@ -461,14 +501,14 @@ ExchangeCounters DdsExchange<G>::counters() const {
   counters.send_rejected = impl_->rejected;
   counters.undecodable = impl_->inbox.undecodable;
   counters.hostile = impl_->inbox.hostile;
-  counters.dropped = impl_->inbox.dropped;
+  counters.dropped = impl_->inbox.dropped + impl_->wire->dropped;
   return counters;
 }
 
 template <class G>
 DdsCounters DdsExchange<G>::dds_counters() const {
   const WireCounters& wire = *impl_->wire;
-  return {wire.datagrams,         wire.rtps_bytes,           wire.header_bytes(), wire.failed_sends,
+  return {wire.datagrams,         wire.rtps_bytes,           wire.header_bytes, wire.failed_sends,
           impl_->refused_to_wire, impl_->inbox.incompatible, impl_->inbox.lost};
 }
 

@@ -6,15 +6,23 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
-namespace eprosima::fastdds::dds {
+namespace eprosima::fastdds {
+namespace dds {
 class DomainParticipant;
 }
+namespace rtps {
+struct TransportDescriptorInterface;
+}
+}  // namespace eprosima::fastdds
 
 namespace convoy::dds {
+
+struct WireCounters;
 
 struct DdsConfig {
   std::uint32_t domain = 0;                      ///< DDS domain, 0..232; unused with an injected participant
@@ -22,7 +30,14 @@ struct DdsConfig {
   std::string participant_profile = "convoy";    ///< name of the participant profile in it
   std::vector<std::string> interface_whitelist;  ///< IPv4 addresses to speak on; replaces that of the profile if given
   std::string origin;                            ///< "file:line" of the whitelist's text, for errors; may be empty
+  std::uint32_t vehicle = 0;                     ///< names the participant in its GUID, for diagnosis; proves nothing
   std::size_t max_queued_messages = 65536;       ///< received and not yet taken, >= 1; what comes beyond is dropped
+
+  /// Puts a transport of one's own between the byte counter and each transport of the profile, for trials; see
+  /// impaired_transport.hpp. What it drops on purpose it adds to WireCounters::dropped.
+  std::function<std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface>(
+      std::shared_ptr<eprosima::fastdds::rtps::TransportDescriptorInterface> below, std::shared_ptr<WireCounters>)>
+      wrap_transport;
 
   /// The host's own participant, in place of one from the profile. It must outlive the exchange. Its transports are
   /// the host's affair: bytes_sent stays 0, and the whitelist has no effect.
@@ -31,9 +46,9 @@ struct DdsConfig {
 
 /// What only this exchange can tell, besides ExchangeCounters.
 struct DdsCounters {
-  std::uint64_t datagrams_sent = 0;
-  std::uint64_t rtps_bytes_sent = 0;     ///< UDP payloads
-  std::uint64_t header_bytes_sent = 0;   ///< 28 per datagram (IPv4 and UDP)
+  std::uint64_t datagrams_sent = 0;      ///< RTPS messages, one per destination
+  std::uint64_t rtps_bytes_sent = 0;     ///< RTPS headers and everything in them
+  std::uint64_t header_bytes_sent = 0;   ///< of what carries them: 28 per UDP datagram, 66 over TCP, 0 in shared memory
   std::uint64_t failed_sends = 0;        ///< the socket did not take a message; reliable topics repeat it
   std::uint64_t refused_to_wire = 0;     ///< messages of one's own that the wire format cannot hold (see convert.hpp)
   std::uint64_t incompatible_peers = 0;  ///< endpoints of the same topic whose quality of service does not match ours
@@ -43,8 +58,9 @@ struct DdsCounters {
 /// Threads: send() and take() may be called from different threads, each from one at a time. Receiving threads of the
 /// middleware only convert and enqueue.
 ///
-/// Bytes: counters().bytes_sent counts UDP payloads and 28 bytes of IPv4 and UDP header for every datagram of the
-/// participant: user data, discovery, heartbeats, acknowledgements, repeats. Link-layer headers are not included.
+/// Bytes: counters().bytes_sent counts every RTPS message of the participant (user data, discovery, heartbeats,
+/// acknowledgements, repeats) with the headers that carry it (see counting_transport.hpp). Link-layer headers are not
+/// included.
 ///
 /// send() blocks for at most the max_blocking_time of the writer's profile, and only while a socket buffer is full.
 /// Batches of landmarks are cut into samples of at most 1200 bytes, so one message may arrive as several.

@@ -56,6 +56,12 @@ void rename(tinyxml2::XMLElement& parent, const std::string& prefix, const std::
   }
 }
 
+/// Topics of one class are used alike, and a file says only once how.
+std::string class_of(const std::string& topic) {
+  if (topic == "convoy/v1/Pose" || topic == "convoy/v1/Digest") return "convoy/values";
+  return topic == "convoy/v1/Request" ? "convoy/requests" : "convoy/facts";
+}
+
 }  // namespace
 
 ProfileFile::ProfileFile(const std::string& path) : path_(path) {
@@ -79,10 +85,13 @@ ProfileFile::ProfileFile(const std::string& path) : path_(path) {
     fail(path, 0, "Fast DDS refuses an entry of this file; the log of Fast DDS (category XMLPARSER) says which");
 }
 
-std::string ProfileFile::table_name(const std::string& element, const std::string& name) const {
-  if (!line_of_.contains({element, name}))
-    fail(path_, 0, "no " + element + " profile '" + name + "'; add <" + element + " profile_name=\"" + name + "\">");
-  return prefix_ + name;
+std::string ProfileFile::profile_of(const std::string& element, const std::string& topic) const {
+  if (has(element, topic)) return topic;
+  const std::string shared = class_of(topic);
+  if (has(element, shared)) return shared;
+  fail(path_, 0,
+       "no " + element + " profile '" + topic + "' nor one of its class; add <" + element + " profile_name=\"" +
+           shared + "\">");
 }
 
 std::string ProfileFile::where(const std::string& element, const std::string& name) const {
@@ -91,23 +100,27 @@ std::string ProfileFile::where(const std::string& element, const std::string& na
 }
 
 edds::DomainParticipantQos ProfileFile::participant(const std::string& name) const {
+  if (!has("participant", name))
+    fail(path_, 0, "no participant profile '" + name + "'; add <participant profile_name=\"" + name + "\">");
   edds::DomainParticipantQos qos;
   const auto* factory = edds::DomainParticipantFactory::get_instance();
-  if (factory->get_participant_qos_from_profile(table_name("participant", name), qos) != ReturnCode_t::RETCODE_OK)
+  if (factory->get_participant_qos_from_profile(prefix_ + name, qos) != ReturnCode_t::RETCODE_OK)
     throw ConfigError(where("participant", name) + ": Fast DDS did not take the participant profile '" + name + "'");
   return qos;
 }
 
-edds::DataWriterQos ProfileFile::writer(const edds::Publisher& publisher, const std::string& name) const {
+edds::DataWriterQos ProfileFile::writer(const edds::Publisher& publisher, const std::string& topic) const {
+  const std::string name = profile_of("data_writer", topic);
   edds::DataWriterQos qos;
-  if (publisher.get_datawriter_qos_from_profile(table_name("data_writer", name), qos) != ReturnCode_t::RETCODE_OK)
+  if (publisher.get_datawriter_qos_from_profile(prefix_ + name, qos) != ReturnCode_t::RETCODE_OK)
     throw ConfigError(where("data_writer", name) + ": Fast DDS did not take the data_writer profile '" + name + "'");
   return qos;
 }
 
-edds::DataReaderQos ProfileFile::reader(const edds::Subscriber& subscriber, const std::string& name) const {
+edds::DataReaderQos ProfileFile::reader(const edds::Subscriber& subscriber, const std::string& topic) const {
+  const std::string name = profile_of("data_reader", topic);
   edds::DataReaderQos qos;
-  if (subscriber.get_datareader_qos_from_profile(table_name("data_reader", name), qos) != ReturnCode_t::RETCODE_OK)
+  if (subscriber.get_datareader_qos_from_profile(prefix_ + name, qos) != ReturnCode_t::RETCODE_OK)
     throw ConfigError(where("data_reader", name) + ": Fast DDS did not take the data_reader profile '" + name + "'");
   return qos;
 }

@@ -22,16 +22,20 @@ class ProfileFile {
 
   /// The named profile. Throws ConfigError if the file has none of this name.
   eprosima::fastdds::dds::DomainParticipantQos participant(const std::string& name) const;
+
+  /// The profile named like the topic if there is one, else that of the topic's class: convoy/facts, convoy/values
+  /// (Pose, Digest) or convoy/requests. Throws ConfigError if the file has neither.
   eprosima::fastdds::dds::DataWriterQos writer(const eprosima::fastdds::dds::Publisher& publisher,
-                                               const std::string& name) const;
+                                               const std::string& topic) const;
   eprosima::fastdds::dds::DataReaderQos reader(const eprosima::fastdds::dds::Subscriber& subscriber,
-                                               const std::string& name) const;
+                                               const std::string& topic) const;
   const std::string& path() const { return path_; }
   /// "path:line" of the named profile; the path alone if the file has none of this name.
   std::string where(const std::string& element, const std::string& name) const;
 
  private:
-  std::string table_name(const std::string& element, const std::string& name) const;
+  bool has(const std::string& element, const std::string& name) const { return line_of_.contains({element, name}); }
+  std::string profile_of(const std::string& element, const std::string& topic) const;
 
   std::string path_;
   std::string prefix_;                                          // of this file's names in the table of Fast DDS

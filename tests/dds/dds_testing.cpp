@@ -14,19 +14,18 @@
 namespace convoy::dds::testing {
 
 std::uint32_t domain_of_this_test() {
+  constexpr std::uint32_t first = 100, count = 130;
   const auto& all = *::testing::UnitTest::GetInstance();
   const auto* current = all.current_test_info();
-  std::uint32_t domain = 100;
+  std::uint32_t number = 0;
   for (int s = 0; s < all.total_test_suite_count(); ++s)
-    for (int t = 0; t < all.GetTestSuite(s)->total_test_count(); ++t, ++domain)
-      if (all.GetTestSuite(s)->GetTestInfo(t) == current) {
-        if (domain > 199) throw std::logic_error("more tests than domains");
-        return domain;
-      }
+    for (int t = 0; t < all.GetTestSuite(s)->total_test_count(); ++t, ++number)
+      if (all.GetTestSuite(s)->GetTestInfo(t) == current) return first + number % count;
   throw std::logic_error("no test is running");
 }
 
-std::string loopback_profile() { return CONVOY_QOS_PROFILES "/loopback.xml"; }
+std::string profile_named(const std::string& name) { return CONVOY_QOS_PROFILES "/" + name + ".xml"; }
+std::string loopback_profile() { return profile_named("loopback_udp"); }
 
 DdsConfig config_of_this_test() {
   DdsConfig config;
@@ -121,8 +120,8 @@ int Child::finish() {
   return WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status);
 }
 
-std::vector<std::string> peer_command(VehicleId vehicle) {
-  return {CONVOY_DDS_PEER, loopback_profile(), std::to_string(domain_of_this_test()), std::to_string(vehicle)};
+std::vector<std::string> peer_command(VehicleId vehicle, const std::string& profile) {
+  return {CONVOY_DDS_PEER, profile, std::to_string(domain_of_this_test()), std::to_string(vehicle)};
 }
 
 }  // namespace convoy::dds::testing

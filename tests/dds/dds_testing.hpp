@@ -18,9 +18,12 @@ namespace convoy::dds::testing {
 
 inline constexpr double deadline_s = 20.0;
 
-/// A domain of the running test's own, 100..199: tests may run at the same time.
+/// A domain for the running test, 100..229: neighbours may run at the same time.
 std::uint32_t domain_of_this_test();
 
+std::string profile_named(const std::string& name);
+
+/// The one of sockets, so that bytes can be held against the kernel's, and processes killed without remains.
 std::string loopback_profile();
 
 DdsConfig config_of_this_test();
@@ -62,6 +65,6 @@ class Child {
 };
 
 /// A child that runs one vehicle (see peer.cpp) in the domain of this test.
-std::vector<std::string> peer_command(VehicleId vehicle);
+std::vector<std::string> peer_command(VehicleId vehicle, const std::string& profile = loopback_profile());
 
 }  // namespace convoy::dds::testing

@@ -1,13 +1,18 @@
-// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS]
+// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS] [OPTION...]
+// Options: impair=IMPAIRMENT.
 // Driven by lines on standard input:
 //   peers N           waits for N peers, prints "peers N" or "no peers"
+//   now N             the same, without waiting
 //   send FIRST COUNT  sends anchors of these indices, prints "sent COUNT"
 //   pair N            sends one association of N pairings, prints "paired N" or "not paired"
 //   expect N          takes until N different facts are held, prints "held N" (what is held at the deadline)
+//   take              takes what is there, prints "held N"
+//   block V, unblock V  stops hearing vehicle V, or goes on; prints "blocked V", "unblocked V"
 //   bytes             prints "bytes RTPS HEADERS DATAGRAMS"
 //   dev               prints what the kernel has sent: per interface "NAME BYTES PACKETS", then "udp 0 DATAGRAMS",
 //   "end"
 #include <convoy/dds/dds_exchange.hpp>
+#include <convoy/dds/impaired_transport.hpp>
 #include <convoy/geometry/se2.hpp>
 
 #include <algorithm>
@@ -22,20 +27,22 @@ using namespace convoy;
 
 namespace {
 
-constexpr double deadline_s = 15.0;
+constexpr double deadline_s = 60.0;
 using Held = std::set<std::pair<FactKind, Key>>;
+
+void take(dds::DdsExchange<SE2>& exchange, Held& held) {
+  for (const auto& message : exchange.take(0.0)) {
+    if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload))
+      held.insert({FactKind::anchor, anchor->key});
+    if (const auto* association = std::get_if<AssociationFact>(&message.payload))
+      held.insert({FactKind::association, association->key});
+  }
+}
 
 void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count) {
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(deadline_s);
-  while (held.size() < count && std::chrono::steady_clock::now() < deadline) {
-    if (!exchange.wait_for_messages(0.1)) continue;
-    for (const auto& message : exchange.take(0.0)) {
-      if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload))
-        held.insert({FactKind::anchor, anchor->key});
-      if (const auto* association = std::get_if<AssociationFact>(&message.payload))
-        held.insert({FactKind::association, association->key});
-    }
-  }
+  while (held.size() < count && std::chrono::steady_clock::now() < deadline)
+    if (exchange.wait_for_messages(0.1)) take(exchange, held);
 }
 
 std::uint32_t send(dds::DdsExchange<SE2>& exchange, VehicleId vehicle, std::uint32_t first, std::uint32_t count) {
@@ -103,8 +110,14 @@ int main(int argc, char** argv) {
   dds::DdsConfig config;
   config.profile_file = argv[1];
   config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
-  if (argc > 4) config.interface_whitelist = {argv[4]};
   const auto vehicle = static_cast<VehicleId>(std::stoul(argv[3]));
+  config.vehicle = vehicle;
+  std::shared_ptr<dds::ImpairedNetwork> network;
+  for (int i = 4; i < argc; ++i) {
+    const std::string option = argv[i];
+    if (option.starts_with("impair=")) network = dds::impair(config, Impairments::parse(option.substr(7)));
+    else config.interface_whitelist = {option};
+  }
   dds::DdsExchange<SE2> exchange(config);
   Held held;
   std::cout << "ready" << std::endl;
@@ -113,8 +126,9 @@ int main(int argc, char** argv) {
     std::string verb;
     std::uint32_t first = 0, count = 0;
     words >> verb >> first >> count;
-    if (verb == "peers") {
-      std::cout << (exchange.wait_for_peers(first, deadline_s) ? "peers " + std::to_string(first) : "no peers")
+    if (verb == "peers" || verb == "now") {
+      std::cout << (exchange.wait_for_peers(first, verb == "now" ? 0.0 : deadline_s) ? "peers " + std::to_string(first)
+                                                                                     : "no peers")
                 << std::endl;
     } else if (verb == "send") {
       std::cout << "sent " << send(exchange, vehicle, first, count) << std::endl;
@@ -124,6 +138,15 @@ int main(int argc, char** argv) {
     } else if (verb == "expect") {
       expect(exchange, held, first);
       std::cout << "held " << held.size() << std::endl;
+    } else if (verb == "take") {
+      take(exchange, held);
+      std::cout << "held " << held.size() << std::endl;
+    } else if (verb == "block" && network) {
+      network->block(first);
+      std::cout << "blocked " << first << std::endl;
+    } else if (verb == "unblock" && network) {
+      network->unblock(first);
+      std::cout << "unblocked " << first << std::endl;
     } else if (verb == "bytes") {
       const auto counters = exchange.dds_counters();
       std::cout << "bytes " << counters.rtps_bytes_sent << ' ' << counters.header_bytes_sent << ' '

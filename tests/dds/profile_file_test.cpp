@@ -5,6 +5,9 @@
 
 #include <gmock/gmock.h>
 
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+
 #include <filesystem>
 #include <fstream>
 #include <sstream>
@@ -12,6 +15,7 @@
 namespace convoy::dds::testing {
 namespace {
 
+namespace edds = eprosima::fastdds::dds;
 using ::testing::HasSubstr;
 
 std::string text_of(const std::string& path) {
@@ -50,6 +54,20 @@ std::string refusal(const std::string& from, const std::string& to) {
   return refusal(config);
 }
 
+/// A publisher to ask for profiles: Fast DDS hands them out through one.
+struct SomePublisher {
+  explicit SomePublisher(const ProfileFile& profiles)
+      : participant(factory->create_participant(domain_of_this_test(), profiles.participant("convoy"))),
+        publisher(participant->create_publisher(edds::PUBLISHER_QOS_DEFAULT)) {}
+  ~SomePublisher() {
+    participant->delete_publisher(publisher);
+    factory->delete_participant(participant);
+  }
+  edds::DomainParticipantFactory* factory = edds::DomainParticipantFactory::get_instance();
+  edds::DomainParticipant* participant;
+  edds::Publisher* publisher;
+};
+
 TEST(ProfileFile, MissingFileIsNamed) {
   DdsConfig config = config_of_this_test();
   config.profile_file = "/nowhere/qos.xml";
@@ -62,21 +80,40 @@ TEST(ProfileFile, MissingParticipantProfileIsNamed) {
   EXPECT_THAT(refusal(config), HasSubstr("no participant profile 'bus'"));
 }
 
-TEST(ProfileFile, MissingWriterProfileIsNamed) {
-  EXPECT_THAT(
-      refusal("data_writer profile_name=\"convoy/v1/Verdict\"", "data_writer profile_name=\"convoy/v1/Verdikt\""),
-      HasSubstr("no data_writer profile 'convoy/v1/Verdict'"));
+TEST(ProfileFile, AWriterWithNeitherProfileIsNamedWithBoth) {
+  const std::string refused =
+      refusal("data_writer profile_name=\"convoy/facts\"", "data_writer profile_name=\"convoy/fakts\"");
+  EXPECT_THAT(refused, HasSubstr("no data_writer profile 'convoy/v1/Bias' nor one of its class"));
+  EXPECT_THAT(refused, HasSubstr("add <data_writer profile_name=\"convoy/facts\">"));
 }
 
-TEST(ProfileFile, MissingReaderProfileIsNamed) {
-  EXPECT_THAT(refusal("data_reader profile_name=\"convoy/v1/Digest\"", "data_reader profile_name=\"x\""),
-              HasSubstr("no data_reader profile 'convoy/v1/Digest'"));
+TEST(ProfileFile, AReaderWithNeitherProfileIsNamedWithBoth) {
+  const std::string refused = refusal("data_reader profile_name=\"convoy/requests\"", "data_reader profile_name=\"x\"");
+  EXPECT_THAT(refused, HasSubstr("no data_reader profile 'convoy/v1/Request' nor one of its class"));
+  EXPECT_THAT(refused, HasSubstr("add <data_reader profile_name=\"convoy/requests\">"));
+}
+
+TEST(ProfileFile, AProfileOfTheTopicsOwnGoesBeforeThatOfItsClass) {
+  const ChangedProfile changed("<data_writer profile_name=\"convoy/values\">",
+                               "<data_writer profile_name=\"convoy/v1/Digest\">"
+                               "<times><heartbeatPeriod><sec>9</sec></heartbeatPeriod></times></data_writer>"
+                               "<data_writer profile_name=\"convoy/values\">");
+  const ProfileFile profiles(changed.path);
+  const SomePublisher host(profiles);
+  const auto period_s = [&](const char* topic) {
+    return profiles.writer(*host.publisher, topic).reliable_writer_qos().times.heartbeatPeriod.seconds;
+  };
+  EXPECT_EQ(period_s("convoy/v1/Digest"), 9);
+  EXPECT_EQ(period_s("convoy/v1/Pose"), 3);  // of the class, whose file says nothing: Fast DDS's own
+  EXPECT_EQ(profiles.writer(*host.publisher, "convoy/v1/Landmark").reliability().kind, edds::RELIABLE_RELIABILITY_QOS);
+  EXPECT_EQ(profiles.writer(*host.publisher, "convoy/v1/Pose").reliability().kind, edds::BEST_EFFORT_RELIABILITY_QOS);
+  EXPECT_EQ(profiles.writer(*host.publisher, "convoy/v1/Request").durability().kind, edds::VOLATILE_DURABILITY_QOS);
 }
 
 TEST(ProfileFile, DoubledProfileHasALine) {
   const std::string refused =
-      refusal("data_writer profile_name=\"convoy/v1/Landmark\"", "data_writer profile_name=\"convoy/v1/Bias\"");
-  EXPECT_THAT(refused, HasSubstr("a second data_writer profile 'convoy/v1/Bias'"));
+      refusal("data_writer profile_name=\"convoy/values\"", "data_writer profile_name=\"convoy/facts\"");
+  EXPECT_THAT(refused, HasSubstr("a second data_writer profile 'convoy/facts'"));
   EXPECT_THAT(refused, ::testing::ContainsRegex("\\.xml:[0-9]+: "));
 }
 
@@ -106,6 +143,10 @@ TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
   EXPECT_THAT(refusal(config), ::testing::ContainsRegex("lan\\.xml:[0-9]+: participant profile 'convoy': "));
   config.origin = "vehicle.xml:3";
   EXPECT_THAT(refusal(config), HasSubstr("or in vehicle.xml:3 (<dds interfaces=\"...\">)"));
+}
+
+TEST(ProfileFile, ATransportThatCannotBeCountedIsRefused) {
+  EXPECT_THAT(refusal("<type>UDPv4</type>", "<type>UDPv6</type>"), HasSubstr("none of UDPv4, TCPv4 and SHM"));
 }
 
 TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {

@@ -48,7 +48,7 @@ fs::path vehicle_with_receiver(const fs::path& folder, const std::string& elemen
   }
   std::ofstream(folder / "c.xml")
       << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <dds domain=\"" << 5 + getpid() % 14
-      << "\" profile=\"" CONVOY_SOURCE_FOLDER "/qos_profiles/loopback.xml\"/>\n"
+      << "\" profile=\"" CONVOY_SOURCE_FOLDER "/qos_profiles/loopback_udp.xml\"/>\n"
       << elements << "  <sensors file=\"sensors.csv\" rate=\"8\" fix_lever_x_m=\"" << lever_x_m << "\" fix_lever_y_m=\""
       << lever_y_m << "\"/>\n</convoy>\n";
   return folder / "c.xml";

@@ -43,7 +43,7 @@ class BadVehicle : public ::testing::Test {
           "<convoy version=\"1\">\n  <vehicle id=\"1\" " + vehicle + "/>\n  <dds domain=\"" +
               std::to_string(5 + getpid() % 14) +
               "\" profile=\"" CONVOY_SOURCE_FOLDER
-              "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"10\"/>\n</convoy>\n");
+              "/qos_profiles/loopback_udp.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"10\"/>\n</convoy>\n");
   }
   std::string arguments() const { return "vehicle --until-end " + (scratch_ / "c.xml").string(); }
 

@@ -104,7 +104,7 @@ TEST(Demo, LossDuplicatesAndReorderingEndInTheSameMap) {
   const ScratchFolder scratch;
   const Outcome plain = run_convoy("demo --rate 20 --seed 2 --out " + (scratch / "plain").string());
   const Outcome impaired =
-      run_convoy("demo --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=0.2,jitter=2,seed=5 --out " +
+      run_convoy("demo --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=20ms,jitter=100ms,seed=5 --out " +
                  (scratch / "impaired").string());
   ASSERT_EQ(plain.status, 0) << plain.output;
   ASSERT_EQ(impaired.status, 0) << impaired.output;
@@ -216,7 +216,7 @@ TEST(Demo, FiveRealRobotsWithHiddenIdentities) {
   for (const json& vehicle : metrics["vehicles"]) EXPECT_LT(vehicle["peak_rss_mb"], 64.0);
   for (const json& pair : metrics["pairs"]) EXPECT_LE(pair["distance_rmse_corrected_m"], 0.25) << pair;
 
-  const Outcome impaired = run_convoy("demo " + dataset + " --rate 30 --impair loss=0.3,duplicate=0.3,jitter=3 --out " +
+  const Outcome impaired = run_convoy("demo " + dataset + " --rate 30 --impair loss=0.3,duplicate=0.3,jitter=100ms --out " +
                                       (scratch / "impaired").string());
   ASSERT_EQ(impaired.status, 0) << impaired.output;
   const json other = read_json(scratch / "impaired/metrics.json");

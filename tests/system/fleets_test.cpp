@@ -26,7 +26,7 @@ fs::path vehicle_one(const fs::path& folder) {
       << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <static_bias sigma_x_m=\"0.1\"/>\n  "
          "<dds domain=\""
       << domain() << "\" profile=\"" CONVOY_SOURCE_FOLDER
-      << "/qos_profiles/loopback.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"2\"/>\n</convoy>\n";
+      << "/qos_profiles/loopback_udp.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"2\"/>\n</convoy>\n";
   return folder / "c.xml";
 }
 

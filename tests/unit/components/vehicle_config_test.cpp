@@ -59,7 +59,7 @@ TEST_F(VehicleConfigTest, AWholeFileIsRead) {
   EXPECT_EQ(c.vehicle.fresh_epoch(), 7U);
   EXPECT_EQ(c.dds.domain, 232U);
   EXPECT_EQ(c.dds.max_queued_messages, 12U);
-  EXPECT_EQ(c.impairment.seed, std::numeric_limits<std::uint64_t>::max());
+  EXPECT_EQ(c.impairment.received.seed, std::numeric_limits<std::uint64_t>::max());
   EXPECT_EQ(c.sensors.rate, 10.0);
 }
 
@@ -68,14 +68,20 @@ TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
   c.vehicle.id = 3;
   c.vehicle.state_folder = "/somewhere/state";
   c.first_epoch = 12;
-  c.impairment.jitter_s = 0.1;
+  c.impairment.received.jitter_s = 0.1;
+  c.impairment.received.partitions = {{{3, 4}, 10.0, 70.5}, {{5}, 0.0, 1.0}};
+  c.impairment.sent.rate_bytes_per_s = 5000.0;
   c.vehicle.submaps.map_period_s = 1.0 / 3.0;
   c.vehicle.submaps.selection.common_frame_is_enu = true;
   c.sensors.fix_lever[0] = -1.25;
   save_vehicle_config(c, file_);
   const VehicleConfig<SE2> back = load_vehicle_config<SE2>(file_);
   EXPECT_EQ(back.first_epoch, 12U);
-  EXPECT_EQ(back.impairment.jitter_s, 0.1);
+  EXPECT_EQ(back.impairment.received.jitter_s, 0.1);
+  ASSERT_EQ(back.impairment.received.partitions.size(), 2U);
+  EXPECT_EQ(back.impairment.received.partitions[0].vehicles, (std::vector<VehicleId>{3, 4}));
+  EXPECT_EQ(back.impairment.received.partitions[0].to_s, 70.5);
+  EXPECT_EQ(back.impairment.sent.rate_bytes_per_s, 5000.0);
   EXPECT_EQ(back.vehicle.submaps.map_period_s, 1.0 / 3.0);
   EXPECT_TRUE(back.vehicle.submaps.selection.common_frame_is_enu);
   EXPECT_EQ(back.sensors.fix_lever[0], -1.25);
@@ -234,6 +240,9 @@ INSTANTIATE_TEST_SUITE_P(
         OutOfRange{"map", "backend=\"ekf\" common_frame_is_enu=\"true\"", "takes no absolute fixes"},
         OutOfRange{"impairment", "loss=\"1\"", "loss is 1; it must lie in [0, 1)"},
         OutOfRange{"impairment", "duplicate=\"-0.5\"", "it must lie in [0, 1]"},
+        OutOfRange{"impairment", "partitions=\"3@5..4\"", "the end of a partition is 4"},
+        OutOfRange{"impairment", "partitions=\"3@5\"", "'3@5' is no partition like 3+4@10s..70s"},
+        OutOfRange{"impairment_sent", "reorder=\"2\"", "reorder is 2; it must lie in [0, 1]"},
         OutOfRange{"impairment", "jitter_s=\"1e9\"", "it must lie in [0, 3600] s"},
         OutOfRange{"vehicle", "roster=\"2 3\"", "<vehicle roster> must name this vehicle, too: 1"},
         OutOfRange{"vehicle", "roster=\"1 1\"", "name each vehicle once"},

@@ -1,6 +1,5 @@
 #include <convoy/config_error.hpp>
 #include <convoy/exchange/impairment.hpp>
-#include <convoy/exchange/in_process.hpp>
 
 #include "../sample_facts.hpp"
 
@@ -44,6 +43,38 @@ TEST(Impairment, ParsesEveryEntryInAnyOrder) {
   EXPECT_EQ(Impairment::parse("loss=0,duplicate=1").duplicate, 1.0);
 }
 
+TEST(Impairment, ReadsUnits) {
+  const Impairment all =
+      Impairment::parse("delay=100ms,jitter=50us,queue=2s,rate=100kB/s,reorder=0.1,partition=3+40@10s..70");
+  EXPECT_DOUBLE_EQ(all.delay_s, 0.1);
+  EXPECT_DOUBLE_EQ(all.jitter_s, 5e-5);
+  EXPECT_EQ(all.queue_s, 2.0);
+  EXPECT_EQ(all.rate_bytes_per_s, 1e5);
+  EXPECT_EQ(all.reorder, 0.1);
+  ASSERT_EQ(all.partitions.size(), 1U);
+  EXPECT_EQ(all.partitions[0].vehicles, (std::vector<VehicleId>{3, 40}));
+  EXPECT_EQ(all.partitions[0].from_s, 10.0);
+  EXPECT_EQ(all.partitions[0].to_s, 70.0);
+  EXPECT_EQ(Partition::parse(to_string(all.partitions[0])).vehicles, all.partitions[0].vehicles);
+  EXPECT_EQ(Impairment::parse("rate=2MB/s").rate_bytes_per_s, 2e6);
+  EXPECT_EQ(Impairment::parse("rate=500B/s").rate_bytes_per_s, 500.0);
+  for (const char* one : {"reorder=1", "rate=1000", "partition=1@0..1", "delay=1ms"})
+    EXPECT_TRUE(Impairment::parse(one).any()) << one;
+}
+
+TEST(Impairment, DirectionsAreApartAndShareASeed) {
+  const Impairments both = Impairments::parse("loss=0.3,out.loss=0.1,out.delay=10ms,seed=9");
+  EXPECT_EQ(both.received.loss, 0.3);
+  EXPECT_EQ(both.sent.loss, 0.1);
+  EXPECT_EQ(both.received.delay_s, 0.0);
+  EXPECT_EQ(both.sent.delay_s, 0.01);
+  EXPECT_EQ(both.sent.seed, 9U);
+  EXPECT_EQ(Impairments::parse("out.seed=4,seed=9").sent.seed, 4U);
+  EXPECT_TRUE(Impairments::parse("out.loss=0.1").any());
+  EXPECT_FALSE(Impairments::parse("").any());
+  EXPECT_THROW(Impairment::parse("out.loss=0.1"), ConfigError);
+}
+
 class UnusableImpairment : public testing::TestWithParam<const char*> {};
 
 TEST_P(UnusableImpairment, IsRefusedWithItsNameAndTheMend) {
@@ -61,7 +92,11 @@ INSTANTIATE_TEST_SUITE_P(Entries, UnusableImpairment,
                          testing::Values("loss=1", "loss=-0.1", "loss=1.5", "loss=nan", "loss=", "loss", "loss=0.3x",
                                          "duplicate=1.1", "delay=-1", "delay=inf", "delay=3601", "jitter=nan",
                                          "jitter=fast", "seed=-1", "Loss=0.3", " loss=0.3", "speed=3", "=1",
-                                         "loss=0.1=0.2"));
+                                         "loss=0.1=0.2", "delay=5m", "delay=ms", "rate=5", "rate=1GB", "reorder=1.1",
+                                         "queue=0", "seed=3s", "partition=3", "partition=3@5", "partition=@1..2",
+                                         "partition=3+@1..2", "partition=0@1..2", "partition=3@2..1",
+                                         "partition=3@-1..1", "partition=3@1..inf", "partition=a@1..2", "in.loss=0.1",
+                                         "out.loss=1", "out."));
 
 TEST(Impairment, TheFaultIsNamed) {
   const auto fault_of = [](const char* text) -> std::string {
@@ -89,6 +124,24 @@ TEST(Impairment, OneValidationServesTheCommandTheFileAndTheHost) {
     EXPECT_THROW(validate(bad), ConfigError);
     EXPECT_THROW(ImpairedQueue<SE2>{bad}, ConfigError);
   }
+}
+
+TEST(ImpairedQueue, APartitionIsOnTheCallersClock) {
+  ImpairedQueue<SE2> queue(Impairment::parse("partition=1@10..20"));
+  for (const double now_s : {9.9, 10.0, 19.9, 20.0}) queue.push(numbered(static_cast<std::uint32_t>(now_s)), now_s);
+  EXPECT_EQ(numbers(queue.take(30.0)), (std::vector<std::uint32_t>{9, 20}));
+  EXPECT_EQ(queue.lost(), 2U);
+}
+
+TEST(ImpairedQueue, HeldBackMessagesAreOvertaken) {
+  ImpairedQueue<SE2> queue({.reorder = 0.2, .seed = 4});
+  for (std::uint32_t i = 0; i < 1000; ++i) queue.push(numbered(i), 0.0);
+  EXPECT_NEAR(static_cast<double>(queue.take(0.0).size()), 800.0, 60.0);
+  EXPECT_NEAR(static_cast<double>(queue.take(Impairment::hold_s).size()), 200.0, 60.0);
+}
+
+TEST(ImpairedQueue, MessagesHaveNoSizeForARate) {
+  EXPECT_THROW(ImpairedQueue<SE2>(Impairment::parse("rate=1000")), ConfigError);
 }
 
 TEST(ImpairedQueue, PassesEverythingInOrderWhenNothingIsImpaired) {
@@ -148,21 +201,6 @@ TEST(ImpairedQueue, JitterReordersWithinItsBounds) {
   EXPECT_NEAR(static_cast<double>(early.size()), 500.0, 80.0);
   auto order = numbers(early);
   EXPECT_FALSE(std::is_sorted(order.begin(), order.end()));
-}
-
-TEST(ImpairedExchange, ImpairsWhatIsReceivedAndNothingElse) {
-  InProcessNetwork<SE2> network;
-  auto sender = network.join();
-  ImpairedExchange<SE2> lossy(network.join(), {.loss = 0.5, .seed = 9});
-  auto sound = network.join();
-  for (std::uint32_t i = 0; i < 1000; ++i) ASSERT_EQ(sender->send(numbered(i)), SendStatus::sent);
-  ASSERT_EQ(lossy.send(numbered(4711)), SendStatus::sent);
-  const auto got = lossy.take(0.0);
-  EXPECT_LT(got.size(), 1000U);
-  EXPECT_EQ(got.size() + lossy.counters().dropped, 1000U);
-  EXPECT_EQ(lossy.counters().messages_sent, 1U);
-  EXPECT_EQ(sound->take(0.0).size(), 1001U);
-  EXPECT_EQ(sender->take(0.0).size(), 1U);
 }
 
 }  // namespace

@@ -24,17 +24,11 @@ struct InProcess {
   InProcessNetwork<SE2> network;
 };
 
-/// A wrapper with nothing to impair keeps the contract of what it wraps.
-struct Wrapped : InProcess {
-  Exchange join() { return std::make_unique<ImpairedExchange<SE2>>(network.join(), Impairment{}); }
-};
-
 }  // namespace
 }  // namespace convoy
 
 namespace convoy::testing {
 INSTANTIATE_TYPED_TEST_SUITE_P(InProcess, ExchangeContract, InProcess);
-INSTANTIATE_TYPED_TEST_SUITE_P(Wrapped, ExchangeContract, Wrapped);
 }  // namespace convoy::testing
 
 namespace convoy {
