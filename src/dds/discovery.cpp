@@ -49,18 +49,22 @@ Entry entry_of(const std::string& text, bool needs_port) {
   return entry;
 }
 
-bool speaks_udp(const edds::DomainParticipantQos& qos) {
-  for (const auto& descriptor : qos.transport().user_transports)
-    if (std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(descriptor)) return true;
-  return false;
+/// Connections have neither multicast nor ports that are known beforehand.
+bool speaks_tcp_alone(const edds::DomainParticipantQos& qos) {
+  bool tcp = false;
+  for (const auto& descriptor : qos.transport().user_transports) {
+    if (std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(descriptor)) return false;
+    if (std::dynamic_pointer_cast<transport::TCPv4TransportDescriptor>(descriptor)) tcp = true;
+  }
+  return tcp;
 }
 
 /// Port 0 stands for the first maxInitialPeersRange ports of the domain.
-rtps::Locator_t locator_of(const Entry& entry, bool udp) {
+rtps::Locator_t locator_of(const Entry& entry, bool tcp) {
   rtps::Locator_t locator;
-  rtps::IPLocator::createLocator(udp ? LOCATOR_KIND_UDPv4 : LOCATOR_KIND_TCPv4, entry.address, 0, locator);
-  if (udp) locator.port = entry.port;
-  else rtps::IPLocator::setPhysicalPort(locator, entry.port);
+  rtps::IPLocator::createLocator(tcp ? LOCATOR_KIND_TCPv4 : LOCATOR_KIND_UDPv4, entry.address, 0, locator);
+  if (tcp) rtps::IPLocator::setPhysicalPort(locator, entry.port);
+  else locator.port = entry.port;
   return locator;
 }
 
@@ -94,24 +98,27 @@ void use_multicast(const DdsConfig& config, const Errors& errors) {
   errors.refuse(config.discovery_servers, servers, found + "large_fleet.xml");
 }
 
-void use_peers(rtps::BuiltinAttributes& builtin, const DdsConfig& config, const Errors& errors, bool udp) {
+void use_peers(rtps::BuiltinAttributes& builtin, const DdsConfig& config, const Errors& errors, bool tcp) {
   errors.refuse(config.discovery_servers, servers, "it needs initial peers: give these, or take large_fleet.xml");
   if (!config.initial_peers.empty()) builtin.initialPeersList.clear();
-  for (const std::string& text : config.initial_peers)
-    builtin.initialPeersList.push_back(locator_of(entry_of(text, false), udp));
+  for (const std::string& text : config.initial_peers) {
+    const Entry entry = entry_of(text, tcp);
+    if (!entry.fault.empty()) throw ConfigError(errors.configuration() + peers + " over TCP: " + entry.fault);
+    builtin.initialPeersList.push_back(locator_of(entry, tcp));
+  }
   if (builtin.initialPeersList.empty())
     throw ConfigError(errors.where + "no initial peers, and it does not use multicast; name the addresses of some of " +
                       "the other vehicles in " + errors.entry("peers"));
 }
 
-void use_servers(rtps::BuiltinAttributes& builtin, const DdsConfig& config, const Errors& errors, bool udp) {
+void use_servers(rtps::BuiltinAttributes& builtin, const DdsConfig& config, const Errors& errors, bool tcp) {
   errors.refuse(config.initial_peers, peers, "it needs discovery servers: give these, or take unicast_peers.xml");
   auto& list = builtin.discovery_config.m_DiscoveryServers;
   if (!config.discovery_servers.empty()) list.clear();
   for (std::size_t id = 0; id < config.discovery_servers.size(); ++id) {
     rtps::RemoteServerAttributes server;
     transport::get_server_client_default_guidPrefix(static_cast<int>(id), server.guidPrefix);
-    server.metatrafficUnicastLocatorList.push_back(locator_of(entry_of(config.discovery_servers[id], true), udp));
+    server.metatrafficUnicastLocatorList.push_back(locator_of(entry_of(config.discovery_servers[id], true), tcp));
     list.push_back(server);
   }
   if (list.empty())
@@ -129,13 +136,13 @@ void apply_addresses(edds::DomainParticipantQos& qos, const DdsConfig& config, c
   errors.take(config.initial_peers, peers, fault_of_peer);
   errors.take(config.discovery_servers, servers, fault_of_server);
   auto& builtin = qos.wire_protocol().builtin;
-  const bool udp = speaks_udp(qos);
+  const bool tcp = speaks_tcp_alone(qos);
   switch (builtin.discovery_config.discoveryProtocol) {
     case rtps::DiscoveryProtocol_t::CLIENT:
-    case rtps::DiscoveryProtocol_t::SUPER_CLIENT: return use_servers(builtin, config, errors, udp);
+    case rtps::DiscoveryProtocol_t::SUPER_CLIENT: return use_servers(builtin, config, errors, tcp);
     case rtps::DiscoveryProtocol_t::SIMPLE:
-      if (udp && builtin.metatrafficUnicastLocatorList.empty()) return use_multicast(config, errors);
-      return use_peers(builtin, config, errors, udp);
+      if (!tcp && builtin.metatrafficUnicastLocatorList.empty()) return use_multicast(config, errors);
+      return use_peers(builtin, config, errors, tcp);
     default:
       throw ConfigError(where + "<discoveryProtocol> must be SIMPLE, CLIENT or SUPER_CLIENT; a vehicle is no server");
   }

@@ -17,9 +17,9 @@ std::string fault_of_server(const std::string& entry);
 
 /// Puts initial_peers or discovery_servers into `qos`, whose transports are still those of the profile. What the
 /// profile is made for follows from what it says:
-///   discoveryProtocol SIMPLE, no metatrafficUnicastLocatorList, UDPv4: multicast; takes neither
-///   SIMPLE otherwise: initial peers; takes initial_peers, unless the profile has an initialPeersList of its own
-///   CLIENT or SUPER_CLIENT: takes discovery_servers, unless the profile has a discoveryServersList of its own
+///   discoveryProtocol SIMPLE, no metatrafficUnicastLocatorList, not over TCP alone: multicast; takes neither
+///   SIMPLE otherwise: needs initial_peers, which replace an initialPeersList of its own (over TCP each with its port)
+///   CLIENT or SUPER_CLIENT: needs discovery_servers, which replace a discoveryServersList of its own
 /// The n-th server of the list, from 0, is the one that runs under the id n (`fast-discovery-server -i n`).
 /// Throws ConfigError if the profile has no use for what is given, or lacks what it needs. `where` begins errors about
 /// the profile ("file:line: participant profile 'convoy': ").
