@@ -1,5 +1,6 @@
 #include <convoy/components/vehicle_config.hpp>
 #include <convoy/config_error.hpp>
+#include <convoy/dds/discovery.hpp>
 #include <convoy/dds/impaired_transport.hpp>
 #include <convoy/dds/xml_fault.hpp>
 
@@ -50,6 +51,8 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("dds", "profile", c.dds.profile_file);
   visit("dds", "participant_profile", c.dds.participant_profile);
   visit("dds", "interfaces", c.dds.interface_whitelist);
+  visit("dds", "peers", c.dds.initial_peers);
+  visit("dds", "discovery_servers", c.dds.discovery_servers);
   visit("dds", "max_queued_messages", c.dds.max_queued_messages);
 
   describe("impairment", c.impairment.received, visit);
@@ -460,6 +463,13 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
          "name this vehicle, too: " + std::to_string(v.id));
 
   demand(c.dds.domain <= 232, "dds", "domain", "lie in 0..232");
+  const auto in_order = [&](const std::vector<std::string>& list, const char* name, auto& fault_of) {
+    for (const std::string& entry : list)
+      if (const std::string fault = fault_of(entry); !fault.empty())
+        refuse(at(file, lines.of("dds", name)), std::string("<dds ") + name + ">: " + fault);
+  };
+  in_order(c.dds.initial_peers, "peers", dds::fault_of_peer);
+  in_order(c.dds.discovery_servers, "discovery_servers", dds::fault_of_server);
   demand(c.dds.max_queued_messages >= 1, "dds", "max_queued_messages", "be 1 or more");
   above_zero(c.sensors.rate, "sensors", "rate");
   demand(v.mark.cwiseAbs().maxCoeff() <= 100.0, "vehicle", "mark_x_m",

@@ -7,6 +7,7 @@
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/counting_transport.hpp>
 #include <convoy/dds/dds_exchange.hpp>
+#include <convoy/dds/discovery.hpp>
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/profile_file.hpp>
 #include <convoy/geometry/groups.hpp>
@@ -353,6 +354,7 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, 
                       "on every interface and cannot be counted");
   if (qos.transport().user_transports.empty())
     throw ConfigError(where + "no transport; name a transport descriptor in <userTransports>");
+  apply_addresses(qos, config, where);
   for (auto& descriptor : qos.transport().user_transports) descriptor = counted(descriptor, config, where, counters);
 }
 

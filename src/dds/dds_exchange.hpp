@@ -29,9 +29,13 @@ struct DdsConfig {
   std::string profile_file;                      ///< path of the XML profile file (see qos_profiles/README.md)
   std::string participant_profile = "convoy";    ///< name of the participant profile in it
   std::vector<std::string> interface_whitelist;  ///< IPv4 addresses to speak on; replaces that of the profile if given
-  std::string origin;                            ///< "file:line" of the whitelist's text, for errors; may be empty
-  std::uint32_t vehicle = 0;                     ///< names the participant in its GUID, for diagnosis; proves nothing
-  std::size_t max_queued_messages = 65536;       ///< received and not yet taken, >= 1; what comes beyond is dropped
+  /// "ADDRESS" or "ADDRESS:PORT" (IPv4) of some other vehicles, for a profile without multicast (see discovery.hpp).
+  std::vector<std::string> initial_peers;
+  /// "ADDRESS:PORT" (IPv4), for a profile of Discovery Server clients; the first one runs under the id 0, and so on.
+  std::vector<std::string> discovery_servers;
+  std::string origin;                       ///< "file:line" of these addresses, for errors; may be empty
+  std::uint32_t vehicle = 0;                ///< names the participant in its GUID, for diagnosis; proves nothing
+  std::size_t max_queued_messages = 65536;  ///< received and not yet taken, >= 1; what comes beyond is dropped
 
   /// Puts a transport of one's own between the byte counter and each transport of the profile, for trials; see
   /// impaired_transport.hpp. What it drops on purpose it adds to WireCounters::dropped.
@@ -40,7 +44,7 @@ struct DdsConfig {
       wrap_transport;
 
   /// The host's own participant, in place of one from the profile. It must outlive the exchange. Its transports are
-  /// the host's affair: bytes_sent stays 0, and the whitelist has no effect.
+  /// the host's affair: bytes_sent stays 0, and the addresses above have no effect.
   eprosima::fastdds::dds::DomainParticipant* participant = nullptr;
 };
 

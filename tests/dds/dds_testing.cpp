@@ -8,6 +8,9 @@
 #include <unistd.h>
 
 #include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
 #include <stdexcept>
 #include <thread>
 
@@ -123,5 +126,37 @@ int Child::finish() {
 std::vector<std::string> peer_command(VehicleId vehicle, const std::string& profile) {
   return {CONVOY_DDS_PEER, profile, std::to_string(domain_of_this_test()), std::to_string(vehicle)};
 }
+
+DiscoveryServer::DiscoveryServer(
+    const std::string& address, std::uint16_t port, int place,
+    const std::function<std::vector<std::string>(const std::vector<std::string>&)>& wrapped)
+    : file_(::testing::TempDir() + "convoy_server_" + std::to_string(getpid()) + "_" + std::to_string(port) + ".xml"),
+      address_(address + ":" + std::to_string(port)),
+      command_({"fast-discovery-server", "-x", file_}) {
+  std::ostringstream text;
+  text << std::ifstream(profile_named("discovery_server")).rdbuf();
+  std::string profile = text.str();
+  const auto put = [&](const std::string& from, const std::string& to) {
+    auto at = profile.find(from);
+    if (at == std::string::npos) throw std::logic_error("discovery_server.xml has no " + from);
+    for (; at != std::string::npos; at = profile.find(from, at + to.size())) profile.replace(at, from.size(), to);
+  };
+  put("<address>127.0.0.1<", "<address>" + address + "<");
+  put("<port>11811<", "<port>" + std::to_string(port) + "<");
+  put("<prefix>44.53.00.", "<prefix>44.53.0" + std::to_string(place) + ".");
+  std::ofstream(file_) << profile;
+  if (wrapped) command_ = wrapped(command_);
+  start();
+}
+
+DiscoveryServer::~DiscoveryServer() { std::filesystem::remove(file_); }
+
+void DiscoveryServer::start() {
+  server_ = std::make_unique<Child>(command_);
+  if (server_->hear().find("Server is running") == std::string::npos)
+    throw std::runtime_error("the Discovery Server does not start");
+}
+
+bool DiscoveryServer::installed() { return Child({"sh", "-c", "command -v fast-discovery-server >/dev/null"}).finish() == 0; }
 
 }  // namespace convoy::dds::testing

@@ -54,6 +54,8 @@ class Child {
   /// The next line the child prints; empty if there is none within the deadline.
   std::string hear(double timeout_s = deadline_s);
   void kill_hard();
+  /// Of the process; -1 once it is known to have ended.
+  int pid() const { return pid_; }
   /// Closes its input and waits for it. The exit status, or -signal.
   int finish();
 
@@ -66,5 +68,28 @@ class Child {
 
 /// A child that runs one vehicle (see peer.cpp) in the domain of this test.
 std::vector<std::string> peer_command(VehicleId vehicle, const std::string& profile = loopback_profile());
+
+/// A Discovery Server: fast-discovery-server with qos_profiles/discovery_server.xml, at an address and a port of its
+/// own. It is killed when this goes out of scope.
+class DiscoveryServer {
+ public:
+  /// `place` is that among the discovery_servers; `wrapped` makes the command run somewhere
+  /// else.
+  DiscoveryServer(const std::string& address, std::uint16_t port, int place = 0,
+                  const std::function<std::vector<std::string>(const std::vector<std::string>&)>& wrapped = {});
+  ~DiscoveryServer();
+  DiscoveryServer(const DiscoveryServer&) = delete;
+  DiscoveryServer& operator=(const DiscoveryServer&) = delete;
+  void start();
+  void kill_hard() { server_.reset(); }
+  std::string option() const { return "server=" + address_; }
+  const std::string& address() const { return address_; }
+  static bool installed();
+
+ private:
+  std::string file_, address_;
+  std::vector<std::string> command_;
+  std::unique_ptr<Child> server_;
+};
 
 }  // namespace convoy::dds::testing

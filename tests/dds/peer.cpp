@@ -1,5 +1,5 @@
 // One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS] [OPTION...]
-// Options: impair=IMPAIRMENT.
+// Options: impair=IMPAIRMENT, and as often as needed peer=ADDRESS[:PORT] and server=ADDRESS:PORT.
 // Driven by lines on standard input:
 //   peers N           waits for N peers, prints "peers N" or "no peers"
 //   now N             the same, without waiting
@@ -22,6 +22,7 @@
 #include <set>
 #include <sstream>
 #include <string>
+#include <vector>
 
 using namespace convoy;
 
@@ -116,6 +117,8 @@ int main(int argc, char** argv) {
   for (int i = 4; i < argc; ++i) {
     const std::string option = argv[i];
     if (option.starts_with("impair=")) network = dds::impair(config, Impairments::parse(option.substr(7)));
+    else if (option.starts_with("peer=")) config.initial_peers.push_back(option.substr(5));
+    else if (option.starts_with("server=")) config.discovery_servers.push_back(option.substr(7));
     else config.interface_whitelist = {option};
   }
   dds::DdsExchange<SE2> exchange(config);

@@ -74,6 +74,8 @@ TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
   c.vehicle.submaps.map_period_s = 1.0 / 3.0;
   c.vehicle.submaps.selection.common_frame_is_enu = true;
   c.sensors.fix_lever[0] = -1.25;
+  c.dds.initial_peers = {"192.0.2.1", "192.0.2.2:7410"};
+  c.dds.discovery_servers = {"192.0.2.3:11811"};
   save_vehicle_config(c, file_);
   const VehicleConfig<SE2> back = load_vehicle_config<SE2>(file_);
   EXPECT_EQ(back.first_epoch, 12U);
@@ -85,6 +87,8 @@ TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
   EXPECT_EQ(back.vehicle.submaps.map_period_s, 1.0 / 3.0);
   EXPECT_TRUE(back.vehicle.submaps.selection.common_frame_is_enu);
   EXPECT_EQ(back.sensors.fix_lever[0], -1.25);
+  EXPECT_EQ(back.dds.initial_peers, c.dds.initial_peers);
+  EXPECT_EQ(back.dds.discovery_servers, c.dds.discovery_servers);
 }
 
 TEST_F(VehicleConfigTest, NumbersAreWrittenToTheBitAndShort) {
@@ -227,6 +231,19 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(
         OutOfRange{"dds", "domain=\"233\"", "<dds domain> must lie in 0..232"},
         OutOfRange{"dds", "max_queued_messages=\"0\"", "<dds max_queued_messages> must be 1 or more"},
+        OutOfRange{"dds", "peers=\"192.0.2.1 robot.local\"",
+                   "<dds peers>: 'robot.local' is no IPv4 address (a name would have to be looked up on the network); "
+                   "write ADDRESS or ADDRESS:PORT"},
+        OutOfRange{"dds", "peers=\"192.0.2.256\"", "<dds peers>: '192.0.2.256' is no IPv4 address"},
+        OutOfRange{"dds", "peers=\"192.0.2.1:\"", "<dds peers>: '192.0.2.1:' has a port that is not in 1..65535"},
+        OutOfRange{"dds", "peers=\"192.0.2.1:65536\"", "has a port that is not in 1..65535"},
+        OutOfRange{"dds", "peers=\"192.0.2.1:74 10\"", "'10' is no IPv4 address"},
+        OutOfRange{"dds", "peers=\"239.255.0.1\"", "'239.255.0.1' is the address of no single host"},
+        OutOfRange{"dds", "discovery_servers=\"192.0.2.1\"",
+                   "<dds discovery_servers>: '192.0.2.1' has no port; write ADDRESS:PORT"},
+        OutOfRange{"dds", "discovery_servers=\"localhost:11811\"", "'localhost:11811' is no IPv4 address"},
+        OutOfRange{"dds", "discovery_servers=\"192.0.2.1:0\"", "has a port that is not in 1..65535"},
+        OutOfRange{"dds", "discovery_servers=\"192.0.2.1:11811:1\"", "has a port that is not in 1..65535"},
         OutOfRange{"static_bias", "x_m=\"2e6\"", "<static_bias> cannot be told to the other vehicles (out_of_range)"},
         OutOfRange{"static_bias", "sigma_y_m=\"1e200\"", "<static_bias> cannot be told to the other vehicles"},
         OutOfRange{"sensors", "rate=\"0\"", "<sensors rate> must be > 0"},
