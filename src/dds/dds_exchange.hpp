@@ -22,12 +22,24 @@ struct DdsConfig {
   std::string participant_profile = "convoy";    ///< name of the participant profile in it
   std::vector<std::string> interface_whitelist;  ///< IPv4 addresses to speak on; replaces that of the profile if given
   std::string origin;                            ///< "file:line" of the whitelist's text, for errors; may be empty
-  std::uint32_t vehicle = 0;                     ///< names the participant in its GUID, for diagnosis; proves nothing
-  std::size_t max_queued_messages = 65536;       ///< received and not yet taken, >= 1; what comes beyond is dropped
+  std::uint32_t vehicle = 0;  ///< names the participant in its GUID; with DDS Security on, must be its certificate's
+  std::size_t max_queued_messages = 65536;  ///< received and not yet taken, >= 1; what comes beyond is dropped
+
+  /// Folder that scripts/make-certs made for this vehicle: DDS Security is on, whatever the profile. Empty: off.
+  std::string security_folder;
 
   /// The host's own participant, in place of one from the profile. It must outlive the exchange. Its transports are
   /// the host's affair: bytes_sent stays 0, and the whitelist has no effect.
   eprosima::fastdds::dds::DomainParticipant* participant = nullptr;
+};
+
+/// What was refused with DDS Security on. Each peer is counted once for as long as it announces itself.
+struct SecurityCounters {
+  std::uint64_t peers_unsecured = 0;       ///< they speak without DDS Security
+  std::uint64_t peers_of_other_fleet = 0;  ///< another authority made their certificates
+  std::uint64_t peers_unproven = 0;        ///< certificate or permissions expired, altered, or never shown
+  std::uint64_t impersonations = 0;  ///< samples whose sender is not the vehicle whose certificate they came under
+  std::uint64_t unprotected = 0;     ///< RTPS messages that lacked the protection which the fleet's rules ask for
 };
 
 /// What only this exchange can tell, besides ExchangeCounters.
@@ -39,6 +51,7 @@ struct DdsCounters {
   std::uint64_t refused_to_wire = 0;     ///< messages of one's own that the wire format cannot hold (see convert.hpp)
   std::uint64_t incompatible_peers = 0;  ///< endpoints of the same topic whose quality of service does not match ours
   std::uint64_t samples_lost = 0;        ///< samples the middleware knows it has lost
+  SecurityCounters refused;              ///< all 0 with DDS Security off
 };
 
 /// Threads: send() and take() may be called from different threads, each from one at a time. Receiving threads of the
@@ -66,6 +79,9 @@ class DdsExchange final : public SubmapExchange<G> {
 
   ExchangeCounters counters() const override;
   DdsCounters dds_counters() const;
+
+  /// The last peer that was refused, and why, in words; empty if there was none.
+  std::string last_refused_peer() const;
 
   /// Remote participants of which every endpoint of convoy has found its counterpart here.
   std::size_t peers() const;

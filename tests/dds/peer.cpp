@@ -1,17 +1,20 @@
-// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS]
+// One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS [SECURITY_FOLDER]]
 // Driven by lines on standard input:
 //   peers N           waits for N peers, prints "peers N" or "no peers"
 //   send FIRST COUNT  sends anchors of these indices, prints "sent COUNT"
-//   pair N            sends one association of N pairings, prints "paired N" or "not paired"
-//   expect N          takes until N different facts are held, prints "held N" (what is held at the deadline)
-//   bytes             prints "bytes RTPS HEADERS DATAGRAMS"
-//   dev               prints what the kernel has sent: per interface "NAME BYTES PACKETS", then "udp 0 DATAGRAMS",
-//   "end"
+//   relay AUTHOR FIRST COUNT  the same, of anchors that AUTHOR has written
+//   claim AUTHOR FIRST COUNT  the same, pretending to be AUTHOR
+//   refused           prints "refused UNSECURED OTHER_FLEET UNPROVEN IMPERSONATIONS UNPROTECTED", then the last peer
+//   refused cpu               prints "cpu MS": what this process has used so far pair N            sends one
+//   association of N pairings, prints "paired N" or "not paired" expect N          takes until N different facts are
+//   held, prints "held N" (what is held at the deadline) bytes             prints "bytes RTPS HEADERS DATAGRAMS" dev
+//   prints what the kernel has sent: per interface "NAME BYTES PACKETS", then "udp 0 DATAGRAMS", "end"
 #include <convoy/dds/dds_exchange.hpp>
 #include <convoy/geometry/se2.hpp>
 
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <fstream>
 #include <iostream>
 #include <set>
@@ -38,13 +41,14 @@ void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count) {
   }
 }
 
-std::uint32_t send(dds::DdsExchange<SE2>& exchange, VehicleId vehicle, std::uint32_t first, std::uint32_t count) {
+std::uint32_t send(dds::DdsExchange<SE2>& exchange, VehicleId sender, VehicleId author, std::uint32_t first,
+                   std::uint32_t count) {
   std::uint32_t sent = 0;
   for (std::uint32_t i = first; i < first + count; ++i) {
     AnchorFact<SE2> fact;
-    fact.key = {{vehicle, 1}, i};
+    fact.key = {{author, 1}, i};
     fact.state.abscissa_m = 25.0 * i;
-    if (exchange.send({fact.key.chain, fact}) == SendStatus::sent) ++sent;
+    if (exchange.send({{sender, 1}, fact}) == SendStatus::sent) ++sent;
   }
   return sent;
 }
@@ -104,6 +108,7 @@ int main(int argc, char** argv) {
   config.profile_file = argv[1];
   config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
   if (argc > 4) config.interface_whitelist = {argv[4]};
+  if (argc > 5) config.security_folder = argv[5];
   const auto vehicle = static_cast<VehicleId>(std::stoul(argv[3]));
   config.vehicle = vehicle;
   dds::DdsExchange<SE2> exchange(config);
@@ -112,13 +117,26 @@ int main(int argc, char** argv) {
   for (std::string line; std::getline(std::cin, line);) {
     std::istringstream words(line);
     std::string verb;
+    VehicleId author = vehicle;
     std::uint32_t first = 0, count = 0;
-    words >> verb >> first >> count;
+    words >> verb;
+    if (verb == "relay" || verb == "claim") words >> author;
+    words >> first >> count;
     if (verb == "peers") {
       std::cout << (exchange.wait_for_peers(first, deadline_s) ? "peers " + std::to_string(first) : "no peers")
                 << std::endl;
     } else if (verb == "send") {
-      std::cout << "sent " << send(exchange, vehicle, first, count) << std::endl;
+      std::cout << "sent " << send(exchange, vehicle, vehicle, first, count) << std::endl;
+    } else if (verb == "relay" || verb == "claim") {
+      const VehicleId sender = verb == "claim" ? author : vehicle;
+      std::cout << "sent " << send(exchange, sender, author, first, count) << std::endl;
+    } else if (verb == "refused") {
+      const auto refused = exchange.dds_counters().refused;
+      std::cout << "refused " << refused.peers_unsecured << ' ' << refused.peers_of_other_fleet << ' '
+                << refused.peers_unproven << ' ' << refused.impersonations << ' ' << refused.unprotected << '\n'
+                << exchange.last_refused_peer() << std::endl;
+    } else if (verb == "cpu") {
+      std::cout << "cpu " << 1000 * std::clock() / CLOCKS_PER_SEC << std::endl;
     } else if (verb == "pair") {
       std::cout << (send_association(exchange, vehicle, first) ? "paired " + std::to_string(first) : "not paired")
                 << std::endl;
