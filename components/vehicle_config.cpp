@@ -36,6 +36,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("dds", "participant_profile", c.dds.participant_profile);
   visit("dds", "interfaces", c.dds.interface_whitelist);
   visit("dds", "max_queued_messages", c.dds.max_queued_messages);
+  visit("dds", "security", c.dds.security_folder);
 
   visit("impairment", "loss", c.impairment.loss);
   visit("impairment", "duplicate", c.impairment.duplicate);
@@ -536,6 +537,8 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
 
   config.dds.origin = at(file, lines.of("dds", "interfaces"));
   config.dds.profile_file = beside(file, config.dds.profile_file).string();
+  if (!config.dds.security_folder.empty())
+    config.dds.security_folder = beside(file, config.dds.security_folder).string();
   config.sensors.file = beside(file, config.sensors.file);
   config.vehicle.state_folder = beside(file, config.vehicle.state_folder);
   config.output_folder =

@@ -332,6 +332,9 @@ std::shared_ptr<Sockets> restricted(const Sockets& profile, const DdsConfig& con
         where +
         "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport descriptor or in " +
         (config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)"));
+  // Fast DDS cannot send its handshake in pieces: where it is larger than a message, nobody is ever let in.
+  if (!config.security_folder.empty())
+    sockets->maxMessageSize = std::max(sockets->maxMessageSize, SecurityFolder::largest_handshake_bytes);
   const bool from_config = !config.interface_whitelist.empty() && !config.origin.empty();
   check_interfaces(from_config ? config.origin + ": " : where, sockets->interfaceWhiteList);
   return sockets;

@@ -169,6 +169,11 @@ SecurityFolder::SecurityFolder(const std::string& path, VehicleId vehicle)
   signed_text(in(path, "governance.p7s"), *signer);
   const std::string permissions = in(path, "permissions.p7s");
   check_permissions(permissions, signed_text(permissions, *signer), subject);
+  constexpr std::size_t rest_of_handshake = 2500;
+  if (read(own_file).size() + read(permissions).size() + rest_of_handshake > largest_handshake_bytes)
+    fail(permissions, "is too large: with certificate.pem it must fit one message of " +
+                          std::to_string(largest_handshake_bytes) + " bytes, less " +
+                          std::to_string(rest_of_handshake));
 }
 
 SecurityFolder::~SecurityFolder() = default;

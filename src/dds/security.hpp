@@ -7,6 +7,7 @@
 
 #include <fastdds/rtps/common/GuidPrefix_t.hpp>
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -20,6 +21,9 @@ namespace convoy::dds {
 /// and permissions.p7s.
 class SecurityFolder {
  public:
+  /// The handshake shows certificate and permissions: 5.3 KB with what scripts/make-certs makes.
+  static constexpr std::uint32_t largest_handshake_bytes = 8192;
+
   /// Reads and checks everything that can be checked without a peer: Fast DDS would only fail to create a participant.
   /// Throws ConfigError that names the file. `vehicle`: who the certificate should be made for; 0: anybody.
   SecurityFolder(const std::string& path, VehicleId vehicle);

@@ -12,6 +12,8 @@
 #include <convoy/dds/dds_exchange.hpp>
 #include <convoy/geometry/se2.hpp>
 
+#include <fastdds/dds/log/Log.hpp>
+
 #include <algorithm>
 #include <chrono>
 #include <ctime>
@@ -28,8 +30,8 @@ namespace {
 constexpr double deadline_s = 15.0;
 using Held = std::set<std::pair<FactKind, Key>>;
 
-void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(deadline_s);
+void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count, double timeout_s) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
   while (held.size() < count && std::chrono::steady_clock::now() < deadline) {
     if (!exchange.wait_for_messages(0.1)) continue;
     for (const auto& message : exchange.take(0.0)) {
@@ -104,6 +106,7 @@ void print_devices() {
 
 int main(int argc, char** argv) {
   if (argc < 4) return 2;
+  eprosima::fastdds::dds::Log::ClearConsumers();  // they write to standard output, where our answers go
   dds::DdsConfig config;
   config.profile_file = argv[1];
   config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
@@ -141,7 +144,7 @@ int main(int argc, char** argv) {
       std::cout << (send_association(exchange, vehicle, first) ? "paired " + std::to_string(first) : "not paired")
                 << std::endl;
     } else if (verb == "expect") {
-      expect(exchange, held, first);
+      expect(exchange, held, first, count == 0 ? deadline_s : count);
       std::cout << "held " << held.size() << std::endl;
     } else if (verb == "bytes") {
       const auto counters = exchange.dds_counters();
