@@ -1,7 +1,10 @@
 #include <convoy/dds/admission.hpp>
+#include <convoy/dds/security.hpp>
 
 #include <fastdds/rtps/builtin/data/ParticipantProxyData.h>
+#include <fastdds/rtps/builtin/data/WriterProxyData.h>
 #include <fastdds/rtps/participant/ParticipantDiscoveryInfo.h>
+#include <fastdds/rtps/writer/WriterDiscoveryInfo.h>
 #include <fastrtps/utils/IPLocator.h>
 
 #include <sstream>
@@ -59,6 +62,25 @@ void Admission::on_participant_discovery(eprosima::fastdds::dds::DomainParticipa
     newcomer.text = who(info.info) + " did not prove that it is a vehicle of this fleet: certificate or permissions " +
                     "expired or altered, another governance, or the handshake was lost";
   }
+}
+
+void Admission::on_publisher_discovery(eprosima::fastdds::dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) {
+  const std::lock_guard lock(mutex_);
+  if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) {
+    speakers_.erase(info.info.guid());
+    return;
+  }
+  const std::vector<std::string> partitions = info.info.m_qos.m_partition.names();
+  const VehicleId vehicle = partitions.size() == 1 ? vehicle_of_partition(partitions[0]) : 0;
+  const auto [at, fresh] = speakers_.try_emplace(info.info.guid(), vehicle);
+  if (!fresh && at->second != vehicle)
+    at->second = 0;  // a writer of ours never moves, and a match may outlast the move
+}
+
+VehicleId Admission::speaker(const rtps::GUID_t& writer) {
+  const std::lock_guard lock(mutex_);
+  const auto at = speakers_.find(writer);
+  return at == speakers_.end() ? 0 : at->second;
 }
 
 void Admission::onParticipantAuthentication(eprosima::fastdds::dds::DomainParticipant*,

@@ -29,11 +29,17 @@ class Admission final : public eprosima::fastdds::dds::DomainParticipantListener
   SecurityCounters counters();
   std::string last_refused();
 
+  /// The vehicle in whose partition a writer is whose samples are received; 0: nobody's. Fast DDS matches a writer only
+  /// if the permissions of the certificate that its participant has shown allow the partition.
+  VehicleId speaker(const eprosima::fastrtps::rtps::GUID_t& writer);
+
   /// RTPS messages that the gate has stopped.
   const std::shared_ptr<std::atomic<std::uint64_t>> unprotected = std::make_shared<std::atomic<std::uint64_t>>(0);
 
   void on_participant_discovery(eprosima::fastdds::dds::DomainParticipant* participant,
                                 eprosima::fastrtps::rtps::ParticipantDiscoveryInfo&& info) override;
+  void on_publisher_discovery(eprosima::fastdds::dds::DomainParticipant* participant,
+                              eprosima::fastrtps::rtps::WriterDiscoveryInfo&& info) override;
   void onParticipantAuthentication(eprosima::fastdds::dds::DomainParticipant* participant,
                                    eprosima::fastrtps::rtps::ParticipantAuthenticationInfo&& info) override;
 
@@ -51,6 +57,7 @@ class Admission final : public eprosima::fastdds::dds::DomainParticipantListener
   const std::string authority_;
   std::mutex mutex_;
   std::map<eprosima::fastrtps::rtps::GuidPrefix_t, Newcomer> newcomers_;  // those that announce themselves
+  std::map<eprosima::fastrtps::rtps::GUID_t, VehicleId> speakers_;        // writer -> vehicle
   SecurityCounters counters_;
   std::string last_refused_;
 };

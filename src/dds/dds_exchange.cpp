@@ -143,7 +143,7 @@ struct Domain {
   edds::Publisher* publisher = nullptr;
   edds::Subscriber* subscriber = nullptr;
   const ProfileFile* profiles = nullptr;
-  const SecurityFolder* security = nullptr;  // null: off
+  Admission* admission = nullptr;  // null: DDS Security is off
 };
 
 template <class Entity>
@@ -253,8 +253,8 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
 
   /// What a vehicle repeats for others it sends under its own name, so that this holds for relayed facts, too.
   bool comes_from_its_sender(const Message<G>& message, const edds::SampleInfo& info) const {
-    return domain_.security == nullptr ||
-           domain_.security->belongs_to(info.sample_identity.writer_guid().guidPrefix, message.sender.vehicle);
+    return domain_.admission == nullptr ||
+           domain_.admission->speaker(info.sample_identity.writer_guid()) == message.sender.vehicle;
   }
 
   Domain domain_;
@@ -391,14 +391,18 @@ class Entities {
     if (!config.security_folder.empty()) {
       security_ = std::make_unique<SecurityFolder>(config.security_folder, config.vehicle);
       admission_ = std::make_unique<Admission>(security_->authority());
-      domain_.security = security_.get();
+      domain_.admission = admission_.get();
     }
     try {
       if (domain_.participant == nullptr) create_participant(config, profiles, counters);
-      domain_.publisher =
-          need(domain_.participant->create_publisher(edds::PUBLISHER_QOS_DEFAULT), domain_, "publisher");
-      domain_.subscriber =
-          need(domain_.participant->create_subscriber(edds::SUBSCRIBER_QOS_DEFAULT), domain_, "subscriber");
+      edds::PublisherQos publisher;
+      edds::SubscriberQos subscriber;
+      if (security_) {
+        publisher.partition().push_back(partition_of(security_->vehicle()).c_str());
+        subscriber.partition().push_back(partitions_of_all);
+      }
+      domain_.publisher = need(domain_.participant->create_publisher(publisher), domain_, "publisher");
+      domain_.subscriber = need(domain_.participant->create_subscriber(subscriber), domain_, "subscriber");
     } catch (...) {
       close();
       throw;
@@ -408,7 +412,6 @@ class Entities {
   Entities(const Entities&) = delete;
   Entities& operator=(const Entities&) = delete;
   const Domain& domain() const { return domain_; }
-  Admission* admission() const { return admission_.get(); }
 
  private:
   void create_participant(const DdsConfig& config, const ProfileFile& profiles,
@@ -541,7 +544,7 @@ template <class G>
 DdsCounters DdsExchange<G>::dds_counters() const {
   const WireCounters& wire = *impl_->wire;
   SecurityCounters refused;
-  if (Admission* admission = impl_->entities.admission()) refused = admission->counters();
+  if (Admission* admission = impl_->entities.domain().admission) refused = admission->counters();
   refused.impersonations = impl_->inbox.impersonations;
   return {wire.datagrams,         wire.rtps_bytes,           wire.header_bytes, wire.failed_sends,
           impl_->refused_to_wire, impl_->inbox.incompatible, impl_->inbox.lost, refused};
@@ -549,7 +552,7 @@ DdsCounters DdsExchange<G>::dds_counters() const {
 
 template <class G>
 std::string DdsExchange<G>::last_refused_peer() const {
-  Admission* admission = impl_->entities.admission();
+  Admission* admission = impl_->entities.domain().admission;
   return admission == nullptr ? std::string() : admission->last_refused();
 }
 

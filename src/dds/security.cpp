@@ -3,7 +3,6 @@
 #include <openssl/evp.h>
 #include <openssl/pem.h>
 #include <openssl/pkcs7.h>
-#include <openssl/sha.h>
 #include <openssl/x509.h>
 #include <openssl/x509_vfy.h>
 #include <tinyxml2.h>
@@ -16,6 +15,7 @@
 #include <charconv>
 #include <filesystem>
 #include <fstream>
+#include <memory>
 #include <sstream>
 #include <string_view>
 
@@ -31,12 +31,18 @@ void release_bio(BIO* bio) { BIO_free_all(bio); }
 using Bio = std::unique_ptr<BIO, Release<BIO, release_bio>>;
 using Certificate = std::unique_ptr<X509, Release<X509, X509_free>>;
 using Key = std::unique_ptr<EVP_PKEY, Release<EVP_PKEY, EVP_PKEY_free>>;
-using Name = std::unique_ptr<X509_NAME, Release<X509_NAME, X509_NAME_free>>;
 using Store = std::unique_ptr<X509_STORE, Release<X509_STORE, X509_STORE_free>>;
 using StoreContext = std::unique_ptr<X509_STORE_CTX, Release<X509_STORE_CTX, X509_STORE_CTX_free>>;
 using Signed = std::unique_ptr<PKCS7, Release<PKCS7, PKCS7_free>>;
 
-constexpr std::string_view common_name_prefix = "vehicle ";
+const std::string common_name_prefix = "vehicle ", partition_prefix = "vehicle/";
+
+/// 0 if `text` is not `prefix` and a number, written in the one way to write it.
+VehicleId number_behind(const std::string& prefix, const std::string_view text) {
+  VehicleId vehicle = 0;
+  if (text.starts_with(prefix)) std::from_chars(text.data() + prefix.size(), text.data() + text.size(), vehicle);
+  return text == prefix + std::to_string(vehicle) ? vehicle : 0;
+}
 
 [[noreturn]] void fail(const std::string& file, const std::string& what) {
   ERR_clear_error();  // it is kept per thread, and others may be looking for errors of their own
@@ -125,27 +131,17 @@ void check_permissions(const std::string& file, const std::string& text, const s
        "grants nothing to '" + subject + "', whose certificate lies beside it; was a file of another vehicle copied?");
 }
 
-int common_name_at(const X509_NAME& name) { return X509_NAME_get_index_by_NID(&name, NID_commonName, -1); }
-
 /// 0 if this is no name that scripts/make-certs gives.
 VehicleId vehicle_of(const X509_NAME& name) {
-  const int at = common_name_at(name);
+  const int at = X509_NAME_get_index_by_NID(&name, NID_commonName, -1);
   if (at < 0) return 0;
   const ASN1_STRING* data = X509_NAME_ENTRY_get_data(X509_NAME_get_entry(&name, at));
   const std::string_view text(reinterpret_cast<const char*>(ASN1_STRING_get0_data(data)),
                               static_cast<std::size_t>(ASN1_STRING_length(data)));
-  if (!text.starts_with(common_name_prefix)) return 0;
-  VehicleId vehicle = 0;
-  const char* end = text.data() + text.size();
-  const auto [stop, error] = std::from_chars(text.data() + common_name_prefix.size(), end, vehicle);
-  return error == std::errc() && stop == end ? vehicle : 0;
+  return number_behind(common_name_prefix, text);
 }
 
 }  // namespace
-
-struct SecurityFolder::Subject {
-  Name name;
-};
 
 SecurityFolder::SecurityFolder(const std::string& path, VehicleId vehicle)
     : path_(std::filesystem::absolute(path).string()) {
@@ -156,10 +152,10 @@ SecurityFolder::SecurityFolder(const std::string& path, VehicleId vehicle)
   if (X509_check_private_key(own.get(), private_key(in(path, "key.pem")).get()) != 1)
     fail(in(path, "key.pem"), "is not the key of certificate.pem beside it");
 
-  subject_ = std::make_unique<Subject>(Subject{Name(X509_NAME_dup(X509_get_subject_name(own.get())))});
-  const std::string subject = in_rfc2253(*subject_->name);
-  const VehicleId named = vehicle_of(*subject_->name);
-  if (named == 0 || (vehicle != 0 && named != vehicle))
+  const X509_NAME& name = *X509_get_subject_name(own.get());
+  const std::string subject = in_rfc2253(name);
+  vehicle_ = vehicle_of(name);
+  if (vehicle_ == 0 || (vehicle != 0 && vehicle_ != vehicle))
     fail(own_file, "is made out to '" + subject + "' and not to 'CN=vehicle " +
                        (vehicle == 0 ? "N" : std::to_string(vehicle)) + ",...'; this is the folder of somebody else");
   std::array<char, 1024> line{};
@@ -175,8 +171,6 @@ SecurityFolder::SecurityFolder(const std::string& path, VehicleId vehicle)
                           std::to_string(largest_handshake_bytes) + " bytes, less " +
                           std::to_string(rest_of_handshake));
 }
-
-SecurityFolder::~SecurityFolder() = default;
 
 void SecurityFolder::apply(eprosima::fastdds::dds::DomainParticipantQos& qos) const {
   const auto file = [&](const char* name) { return "file://" + in(path_, name); };
@@ -195,26 +189,8 @@ void SecurityFolder::apply(eprosima::fastdds::dds::DomainParticipantQos& qos) co
   set("crypto.plugin", "builtin.AES-GCM-GMAC");
 }
 
-bool SecurityFolder::belongs_to(const eprosima::fastrtps::rtps::GuidPrefix_t& participant, VehicleId vehicle) const {
-  // The subject of that vehicle: ours, with its number in place of ours.
-  const Name name(X509_NAME_dup(subject_->name.get()));
-  const std::string common_name = std::string(common_name_prefix) + std::to_string(vehicle);
-  const int at = common_name_at(*name);
-  X509_NAME_ENTRY* own = X509_NAME_delete_entry(name.get(), at);
-  const int type = X509_NAME_ENTRY_get_data(own)->type;
-  X509_NAME_ENTRY_free(own);
-  X509_NAME_add_entry_by_NID(name.get(), NID_commonName, type,
-                             reinterpret_cast<const unsigned char*>(common_name.data()),
-                             static_cast<int>(common_name.size()), at, 0);
-  std::array<unsigned char, SHA256_DIGEST_LENGTH> hash{};
-  if (X509_NAME_digest(name.get(), EVP_sha256(), hash.data(), nullptr) != 1) return false;
-  // DDS Security 1.1, 9.3.3, table 52: a bit 1, then the first 47 bits of the hash.
-  unsigned char carried = 1;
-  for (std::size_t i = 0; i < 6; ++i) {
-    if (participant.value[i] != static_cast<unsigned char>(carried << 7 | hash[i] >> 1)) return false;
-    carried = hash[i] & 1;
-  }
-  return true;
-}
+std::string partition_of(VehicleId vehicle) { return partition_prefix + std::to_string(vehicle); }
+
+VehicleId vehicle_of_partition(const std::string& partition) { return number_behind(partition_prefix, partition); }
 
 }  // namespace convoy::dds

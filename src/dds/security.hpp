@@ -1,14 +1,10 @@
-// DDS Security for one vehicle: what scripts/make-certs made for it, and whether a participant is the vehicle it claims
-// to be.
+// DDS Security for one vehicle: what scripts/make-certs made for it.
 #pragma once
 
 #include <convoy/config_error.hpp>
 #include <convoy/submap/facts.hpp>
 
-#include <fastdds/rtps/common/GuidPrefix_t.hpp>
-
 #include <cstdint>
-#include <memory>
 #include <string>
 
 namespace eprosima::fastdds::dds {
@@ -27,9 +23,9 @@ class SecurityFolder {
   /// Reads and checks everything that can be checked without a peer: Fast DDS would only fail to create a participant.
   /// Throws ConfigError that names the file. `vehicle`: who the certificate should be made for; 0: anybody.
   SecurityFolder(const std::string& path, VehicleId vehicle);
-  ~SecurityFolder();
-  SecurityFolder(const SecurityFolder&) = delete;
-  SecurityFolder& operator=(const SecurityFolder&) = delete;
+
+  /// The vehicle that the certificate was made for.
+  VehicleId vehicle() const { return vehicle_; }
 
   /// Subject of the authority that makes vehicles of this fleet, as Fast DDS announces it.
   const std::string& authority() const { return authority_; }
@@ -37,15 +33,17 @@ class SecurityFolder {
   /// Turns security on. It is the same for every profile.
   void apply(eprosima::fastdds::dds::DomainParticipantQos& qos) const;
 
-  /// True if the participant has the certificate of `vehicle`. Of an authenticated participant the first 47 bits of the
-  /// GUID are a hash of the certificate's subject, and the handshake refuses one where they are not.
-  bool belongs_to(const eprosima::fastrtps::rtps::GuidPrefix_t& participant, VehicleId vehicle) const;
-
  private:
-  struct Subject;
   std::string path_;
+  VehicleId vehicle_ = 0;
   std::string authority_;
-  std::unique_ptr<Subject> subject_;
 };
+
+/// Each vehicle writes in a partition of its own, "vehicle/N", and its permissions, which all others check, allow no
+/// other.
+std::string partition_of(VehicleId vehicle);
+/// 0 if this is no partition of a vehicle.
+VehicleId vehicle_of_partition(const std::string& partition);
+inline constexpr const char* partitions_of_all = "vehicle/*";
 
 }  // namespace convoy::dds

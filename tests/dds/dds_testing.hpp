@@ -18,7 +18,7 @@ namespace convoy::dds::testing {
 
 inline constexpr double deadline_s = 20.0;
 
-/// A domain of the running test's own, 100..229, or 30..69 for those of security: tests may run at the same time.
+/// A domain of the running test's own, 100..229, or 30..99 for those of security: tests may run at the same time.
 std::uint32_t domain_of_this_test();
 
 std::string loopback_profile();

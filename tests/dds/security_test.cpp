@@ -1,4 +1,5 @@
 // Secured fleets over real sockets: who is let in, who is not and how that is seen, and who may say what.
+#include "../support/exchange_contract.hpp"
 #include "certificates.hpp"
 #include "dds_testing.hpp"
 #include "scripted_host.hpp"
@@ -12,6 +13,7 @@
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/profile_file.hpp>
+#include <convoy/dds/security.hpp>
 
 #include <fastdds/rtps/builtin/data/ParticipantProxyData.h>
 #include <fastdds/rtps/participant/ParticipantDiscoveryInfo.h>
@@ -19,6 +21,9 @@
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/topic/Topic.hpp>
 
 #include <array>
 #include <map>
@@ -262,6 +267,19 @@ TEST(SecurityFolder, AFileEditedByHandIsNamed) {
   }
 }
 
+TEST(SecurityFolder, AVehicleCannotSignPermissionsForItself) {
+  const Certificates fleet("1");
+  int status = -1;
+  const std::string output = shell("cd " + fleet.folder(1) +
+                                       " && openssl smime -verify -noverify -text -in permissions.p7s -out own.xml"
+                                       " && openssl smime -sign -text -in own.xml -out permissions.p7s"
+                                       " -signer certificate.pem -inkey key.pem",
+                                   &status);
+  ASSERT_EQ(status, 0) << output;
+  EXPECT_THAT(refusal(secured(fleet, 1)),
+              AllOf(StartsWith(fleet.folder(1) + "/permissions.p7s"), HasSubstr("does not vouch for its signature")));
+}
+
 TEST(SecurityFolder, FilesOfAnotherVehicleAreNamed) {
   const auto overwrite = std::filesystem::copy_options::overwrite_existing;
   const Certificates fleet("1,2"), other("1");
@@ -402,6 +420,77 @@ TEST(Security, DatagramsForgedUnderAVehiclesNameDoNotGetThrough) {
   EXPECT_EQ(b.counters().messages_taken, 1U);
 }
 
+/// Software of one's own behind a good certificate: writes poses, in the partition it likes.
+class Rogue {
+ public:
+  explicit Rogue(const Certificates& fleet, VehicleId certified) {
+    const ProfileFile profiles(loopback_profile());
+    edds::DomainParticipantQos qos = profiles.participant("convoy");
+    SecurityFolder(fleet.folder(static_cast<int>(certified)), certified).apply(qos);
+    participant_ = factory_->create_participant(domain_of_this_test(), qos);
+    edds::TypeSupport type(new GuardedType<v1::PosePubSubType>);
+    type.register_type(participant_);
+    topic_ = participant_->create_topic("convoy/v1/Pose", type.get_type_name(), edds::TOPIC_QOS_DEFAULT);
+    publisher_ = participant_->create_publisher(in(partition_of(certified)));
+    writer_ = publisher_->create_datawriter(topic_, profiles.writer(*publisher_, "convoy/v1/Pose"));
+  }
+  ~Rogue() {
+    participant_->delete_contained_entities();
+    factory_->delete_participant(participant_);
+  }
+  /// Fast DDS checks the permissions of its own writers when they are made, and not here.
+  void move_to(const std::string& partition) { publisher_->set_qos(in(partition)); }
+  void say(VehicleId sender) {
+    v1::Pose sample;
+    ASSERT_EQ(to_wire<SE2>({sender, 1}, pose_of(sender, 0), sample), WireStatus::ok);
+    ASSERT_TRUE(writer_->write(&sample));
+  }
+
+ private:
+  static edds::PublisherQos in(const std::string& partition) {
+    edds::PublisherQos qos;
+    qos.partition().push_back(partition.c_str());
+    return qos;
+  }
+  std::shared_ptr<edds::DomainParticipantFactory> factory_ = edds::DomainParticipantFactory::get_shared_instance();
+  edds::DomainParticipant* participant_ = nullptr;
+  edds::Topic* topic_ = nullptr;
+  edds::Publisher* publisher_ = nullptr;
+  edds::DataWriter* writer_ = nullptr;
+};
+
+/// True once `exchange` hears a pose of `vehicle` that `rogue` repeats.
+bool hears(DdsExchange<SE2>& exchange, Rogue& rogue, VehicleId vehicle, double timeout_s = deadline_s) {
+  return eventually(
+      [&] {
+        rogue.say(vehicle);
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        for (const auto& message : exchange.take(0.0))
+          if (message.sender.vehicle == vehicle) return true;
+        return false;
+      },
+      timeout_s);
+}
+
+TEST(Security, AWriterThatMovesIntoAnothersPartitionIsNotHeardAnyMore) {
+  const Certificates fleet("1,2,3");
+  Rogue rogue(fleet, 2);
+  DdsExchange<SE2> there_before(secured(fleet, 3));
+  EXPECT_TRUE(hears(there_before, rogue, 2)) << "under its own name";
+  EXPECT_FALSE(hears(there_before, rogue, 1, 0.5));
+  rogue.move_to(partition_of(1));
+  EXPECT_TRUE(eventually([&] { return !hears(there_before, rogue, 2, 0.5); })) << "that it has moved";
+  EXPECT_FALSE(hears(there_before, rogue, 1, 1.0));
+  // Fast DDS refuses the partition in its log, and hands out the samples all the same.
+  EXPECT_GT(there_before.dds_counters().refused.impersonations, 0U);
+
+  DdsExchange<SE2> there_later(secured(fleet, 1));
+  ASSERT_TRUE(there_later.wait_for_peers(1, deadline_s));
+  EXPECT_FALSE(hears(there_later, rogue, 1, 1.0)) << "its permissions do not allow it to be there";
+  rogue.move_to(partition_of(2));
+  EXPECT_FALSE(hears(there_later, rogue, 1, 1.0));
+}
+
 struct Spent {
   double bytes = 0.0, cpu_ms = 0.0;
 };
@@ -450,5 +539,26 @@ TEST(Security, CostsNoMoreThanItShould) {
   EXPECT_LT(bytes_per_fact[true], 2.0 * bytes_per_fact[false]);
 }
 
+/// The contract of every exchange, kept by secured vehicles 1, 2, ...
+template <class G>
+struct SecuredNetwork {
+  using Group = G;
+  static constexpr bool keeps_history = true;
+  std::unique_ptr<SubmapExchange<G>> join() {
+    auto exchange = std::make_unique<DdsExchange<G>>(secured(fleet, static_cast<VehicleId>(joined.size() + 1)));
+    joined.push_back(exchange.get());
+    return exchange;
+  }
+  bool connect(std::size_t n) { return n == joined.size() && all_connected(joined); }
+  void pause() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
+  const Certificates fleet{"1,2,3"};
+  std::vector<DdsExchange<G>*> joined;
+};
+
 }  // namespace
 }  // namespace convoy::dds::testing
+
+namespace convoy::testing {
+using SecuredNetworks = ::testing::Types<dds::testing::SecuredNetwork<SE2>, dds::testing::SecuredNetwork<SE3>>;
+INSTANTIATE_TYPED_TEST_SUITE_P(Secured, ExchangeContract, SecuredNetworks);
+}  // namespace convoy::testing
