@@ -25,6 +25,15 @@ std::string claimed_authority(const rtps::ParticipantProxyData& peer) {
   return {};
 }
 
+/// What a stranger wrote, fit for a log.
+std::string readable(std::string text) {
+  constexpr std::size_t enough = 100;
+  if (text.size() > enough) text.resize(enough);
+  for (char& c : text)
+    if (c < ' ' || c > '~') c = '?';
+  return text;
+}
+
 std::string who(const rtps::ParticipantProxyData& peer) {
   std::ostringstream text;
   text << "participant " << peer.m_guid.guidPrefix;
@@ -56,7 +65,7 @@ void Admission::on_participant_discovery(eprosima::fastdds::dds::DomainParticipa
     newcomer.text = who(info.info) + " speaks without DDS Security";
   } else if (authority != authority_) {
     newcomer.counter = &SecurityCounters::peers_of_other_fleet;
-    newcomer.text = who(info.info) + " is of another fleet: its authority is '" + authority + "'";
+    newcomer.text = who(info.info) + " is of another fleet: its authority is '" + readable(authority) + "'";
   } else {
     newcomer.counter = &SecurityCounters::peers_unproven;
     newcomer.text = who(info.info) + " did not prove that it is a vehicle of this fleet: certificate or permissions " +
