@@ -54,6 +54,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("dds", "peers", c.dds.initial_peers);
   visit("dds", "discovery_servers", c.dds.discovery_servers);
   visit("dds", "max_queued_messages", c.dds.max_queued_messages);
+  visit("dds", "security", c.dds.security_folder);
 
   describe("impairment", c.impairment.received, visit);
   describe("impairment_sent", c.impairment.sent, visit);
@@ -599,6 +600,8 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
 
   config.dds.origin = at(file, lines.of("dds", "interfaces"));
   config.dds.profile_file = beside(file, config.dds.profile_file).string();
+  if (!config.dds.security_folder.empty())
+    config.dds.security_folder = beside(file, config.dds.security_folder).string();
   config.sensors.file = beside(file, config.sensors.file);
   config.vehicle.state_folder = beside(file, config.vehicle.state_folder);
   config.output_folder =

@@ -4,12 +4,15 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <convoy/dds/admission.hpp>
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/counting_transport.hpp>
 #include <convoy/dds/dds_exchange.hpp>
 #include <convoy/dds/discovery.hpp>
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/profile_file.hpp>
+#include <convoy/dds/secure_gate.hpp>
+#include <convoy/dds/security.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/submap/content_hash.hpp>
 
@@ -86,6 +89,7 @@ class Inbox {
   std::atomic<std::uint64_t> hostile{0};
   std::atomic<std::uint64_t> incompatible{0};
   std::atomic<std::uint64_t> lost{0};
+  std::atomic<std::uint64_t> impersonations{0};
 
  private:
   const std::size_t capacity_;
@@ -140,6 +144,7 @@ struct Domain {
   edds::Publisher* publisher = nullptr;
   edds::Subscriber* subscriber = nullptr;
   const ProfileFile* profiles = nullptr;
+  Admission* admission = nullptr;  // null: DDS Security is off
 };
 
 template <class Entity>
@@ -175,7 +180,7 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
     edds::SampleInfo info;
     Guarded<Sample> received;  // decoding == none if the host registered an unguarded type: then nothing is accepted
     for (; reader->take_next_sample(&received, &info) == ReturnCode_t::RETCODE_OK; received.decoding = Decoding::none)
-      if (info.valid_data && info.sample_identity.writer_guid() != own_writer_) accept(received);
+      if (info.valid_data && info.sample_identity.writer_guid() != own_writer_) accept(received, info);
   }
   void on_publication_matched(edds::DataWriter*, const edds::PublicationMatchedStatus& status) override {
     peers_.change(status.last_subscription_handle, status.current_count_change);
@@ -238,12 +243,19 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
            << edds::StatusMask::sample_lost();
   }
 
-  void accept(const Guarded<Sample>& received) {
+  void accept(const Guarded<Sample>& received, const edds::SampleInfo& info) {
     Message<G> message;
     if (received.decoding == Decoding::hostile) ++inbox_.hostile;
     else if (received.decoding != Decoding::ok) ++inbox_.undecodable;
     else if (from_wire(received.sample, message) != WireStatus::ok) ++inbox_.hostile;
+    else if (!comes_from_its_sender(message, info)) ++inbox_.impersonations;
     else inbox_.push(std::move(message));
+  }
+
+  /// What a vehicle repeats for others it sends under its own name, so that this holds for relayed facts, too.
+  bool comes_from_its_sender(const Message<G>& message, const edds::SampleInfo& info) const {
+    return domain_.admission == nullptr ||
+           domain_.admission->speaker(info.sample_identity.writer_guid()) == message.sender.vehicle;
   }
 
   Domain domain_;
@@ -321,18 +333,24 @@ std::shared_ptr<Sockets> restricted(const Sockets& profile, const DdsConfig& con
         where +
         "no <interfaceWhiteList>; name the addresses to speak on, in the profile's transport descriptor or in " +
         (config.origin.empty() ? "the configuration" : config.origin + " (<dds interfaces=\"...\">)"));
+  // Fast DDS cannot send its handshake in pieces: where it is larger than a message, nobody is ever let in.
+  if (!config.security_folder.empty())
+    sockets->maxMessageSize = std::max(sockets->maxMessageSize, SecurityFolder::largest_handshake_bytes);
   const bool from_config = !config.interface_whitelist.empty() && !config.origin.empty();
   check_interfaces(from_config ? config.origin + ": " : where, sockets->interfaceWhiteList);
   return sockets;
 }
 
-/// The transport of a profile with a counter above it.
-std::shared_ptr<transport::TransportDescriptorInterface> counted(
+/// The transport of a profile with a counter above it, and with DDS Security on, a gate.
+std::shared_ptr<transport::TransportDescriptorInterface> layered(
     const std::shared_ptr<transport::TransportDescriptorInterface>& profile, const DdsConfig& config,
-    const std::string& where, const std::shared_ptr<WireCounters>& counters) {
-  const auto above = [&](std::shared_ptr<transport::TransportDescriptorInterface> below) {
-    if (config.wrap_transport) below = config.wrap_transport(std::move(below), counters);
-    return std::make_shared<CountingTransportDescriptor>(std::move(below), counters);
+    const std::string& where, const std::shared_ptr<WireCounters>& counters, const Admission* admission) {
+  const auto above = [&](std::shared_ptr<transport::TransportDescriptorInterface> layers) {
+    if (config.wrap_transport) layers = config.wrap_transport(std::move(layers), counters);
+    layers = std::make_shared<CountingTransportDescriptor>(std::move(layers), counters);
+    if (admission != nullptr)
+      layers = std::make_shared<SecureGateDescriptor>(std::move(layers), admission->unprotected);
+    return layers;
   };
   if (const auto udp = std::dynamic_pointer_cast<transport::UDPv4TransportDescriptor>(profile))
     return above(restricted(*udp, config, where));
@@ -343,9 +361,9 @@ std::shared_ptr<transport::TransportDescriptorInterface> counted(
   throw ConfigError(where + "a transport is none of UDPv4, TCPv4 and SHM; its bytes cannot be counted");
 }
 
-/// Puts a counter between the participant and each transport of its profile.
-void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, const ProfileFile& profiles,
-                      const std::shared_ptr<WireCounters>& counters) {
+/// Puts a counter between the participant and each transport of its profile, and with DDS Security on, a gate.
+void add_layers(edds::DomainParticipantQos& qos, const DdsConfig& config, const ProfileFile& profiles,
+                const std::shared_ptr<WireCounters>& counters, const Admission* admission) {
   const std::string where = profiles.where("participant", config.participant_profile) + ": participant profile '" +
                             config.participant_profile + "': ";
   if (qos.transport().use_builtin_transports)
@@ -355,10 +373,14 @@ void count_transports(edds::DomainParticipantQos& qos, const DdsConfig& config, 
   if (qos.transport().user_transports.empty())
     throw ConfigError(where + "no transport; name a transport descriptor in <userTransports>");
   apply_addresses(qos, config, where);
-  for (auto& descriptor : qos.transport().user_transports) descriptor = counted(descriptor, config, where, counters);
+  for (auto& descriptor : qos.transport().user_transports)
+    descriptor = layered(descriptor, config, where, counters, admission);
 }
 
 void check(const DdsConfig& config) {
+  if (config.participant != nullptr && !config.security_folder.empty())
+    throw ConfigError(config.security_folder +
+                      ": the security of an injected participant is its host's affair; leave security_folder empty");
   if (config.max_queued_messages == 0) throw ConfigError("max_queued_messages is 0; give room for at least 1 message");
   if (config.domain > 232) throw ConfigError("domain " + std::to_string(config.domain) + " is not in 0..232");
 }
@@ -369,12 +391,21 @@ class Entities {
   Entities(const DdsConfig& config, const ProfileFile& profiles, const std::shared_ptr<WireCounters>& counters) {
     domain_.profiles = &profiles;
     domain_.participant = config.participant;
+    if (!config.security_folder.empty()) {
+      security_ = std::make_unique<SecurityFolder>(config.security_folder, config.vehicle);
+      admission_ = std::make_unique<Admission>(security_->authority());
+      domain_.admission = admission_.get();
+    }
     try {
       if (domain_.participant == nullptr) create_participant(config, profiles, counters);
-      domain_.publisher =
-          need(domain_.participant->create_publisher(edds::PUBLISHER_QOS_DEFAULT), domain_, "publisher");
-      domain_.subscriber =
-          need(domain_.participant->create_subscriber(edds::SUBSCRIBER_QOS_DEFAULT), domain_, "subscriber");
+      edds::PublisherQos publisher;
+      edds::SubscriberQos subscriber;
+      if (security_) {
+        publisher.partition().push_back(partition_of(security_->vehicle()).c_str());
+        subscriber.partition().push_back(partitions_of_all);
+      }
+      domain_.publisher = need(domain_.participant->create_publisher(publisher), domain_, "publisher");
+      domain_.subscriber = need(domain_.participant->create_subscriber(subscriber), domain_, "subscriber");
     } catch (...) {
       close();
       throw;
@@ -389,20 +420,25 @@ class Entities {
   void create_participant(const DdsConfig& config, const ProfileFile& profiles,
                           const std::shared_ptr<WireCounters>& counters) {
     edds::DomainParticipantQos qos = profiles.participant(config.participant_profile);
-    count_transports(qos, config, profiles, counters);
+    add_layers(qos, config, profiles, counters, admission_.get());
     qos.wire_protocol().prefix = new_prefix(config.vehicle);
-    own_ = need(factory_->create_participant(config.domain, qos), domain_,
+    if (security_) security_->apply(qos);
+    own_ = need(factory_->create_participant(config.domain, qos, admission_.get(), edds::StatusMask::none()), domain_,
                 "participant '" + config.participant_profile + "' in domain " + std::to_string(config.domain));
     domain_.participant = own_;
   }
   void close() {
     if (domain_.subscriber != nullptr) domain_.participant->delete_subscriber(domain_.subscriber);
     if (domain_.publisher != nullptr) domain_.participant->delete_publisher(domain_.publisher);
-    if (own_ != nullptr) factory_->delete_participant(own_);
+    if (own_ == nullptr) return;
+    own_->set_listener(nullptr);
+    factory_->delete_participant(own_);
   }
 
   // Held, so that the factory outlives the participant whatever the order in which a process winds down.
   std::shared_ptr<edds::DomainParticipantFactory> factory_ = edds::DomainParticipantFactory::get_shared_instance();
+  std::unique_ptr<SecurityFolder> security_;
+  std::unique_ptr<Admission> admission_;
   Domain domain_;
   edds::DomainParticipant* own_ = nullptr;
 };
@@ -474,10 +510,27 @@ struct DdsExchange<G>::Impl {
   Channel<G, v1::DigestPubSubType> digest{entities.domain(), "convoy/v1/Digest", inbox, peers};
 };
 
+namespace {
+
+/// Fast DDS's table of profiles and its factory serve one thread at a time, and a watchdog may open an exchange while
+/// another vehicle of the process does.
+std::mutex& opening() {
+  static std::mutex mutex;
+  return mutex;
+}
+
+}  // namespace
+
 template <class G>
-DdsExchange<G>::DdsExchange(const DdsConfig& config) : impl_(std::make_unique<Impl>(config)) {}
+DdsExchange<G>::DdsExchange(const DdsConfig& config) {
+  const std::lock_guard lock(opening());
+  impl_ = std::make_unique<Impl>(config);
+}
 template <class G>
-DdsExchange<G>::~DdsExchange() = default;
+DdsExchange<G>::~DdsExchange() {
+  const std::lock_guard lock(opening());
+  impl_.reset();
+}
 
 template <class G>
 SendStatus DdsExchange<G>::send(const Message<G>& message) {
@@ -510,8 +563,17 @@ ExchangeCounters DdsExchange<G>::counters() const {
 template <class G>
 DdsCounters DdsExchange<G>::dds_counters() const {
   const WireCounters& wire = *impl_->wire;
+  SecurityCounters refused;
+  if (Admission* admission = impl_->entities.domain().admission) refused = admission->counters();
+  refused.impersonations = impl_->inbox.impersonations;
   return {wire.datagrams,         wire.rtps_bytes,           wire.header_bytes, wire.failed_sends,
-          impl_->refused_to_wire, impl_->inbox.incompatible, impl_->inbox.lost};
+          impl_->refused_to_wire, impl_->inbox.incompatible, impl_->inbox.lost, refused};
+}
+
+template <class G>
+std::string DdsExchange<G>::last_refused_peer() const {
+  Admission* admission = impl_->entities.domain().admission;
+  return admission == nullptr ? std::string() : admission->last_refused();
 }
 
 template <class G>

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -34,8 +35,11 @@ struct DdsConfig {
   /// "ADDRESS:PORT" (IPv4), for a profile of Discovery Server clients; the first one runs under the id 0, and so on.
   std::vector<std::string> discovery_servers;
   std::string origin;                       ///< "file:line" of these addresses, for errors; may be empty
-  std::uint32_t vehicle = 0;                ///< names the participant in its GUID, for diagnosis; proves nothing
+  std::uint32_t vehicle = 0;                ///< names the participant in its GUID; with DDS Security on, must be its certificate's
   std::size_t max_queued_messages = 65536;  ///< received and not yet taken, >= 1; what comes beyond is dropped
+
+  /// Folder that scripts/make-certs made for this vehicle: DDS Security is on, whatever the profile. Empty: off.
+  std::string security_folder;
 
   /// Puts a transport of one's own between the byte counter and each transport of the profile, for trials; see
   /// impaired_transport.hpp. What it drops on purpose it adds to WireCounters::dropped.
@@ -48,6 +52,15 @@ struct DdsConfig {
   eprosima::fastdds::dds::DomainParticipant* participant = nullptr;
 };
 
+/// What was refused with DDS Security on. Each peer is counted once for as long as it announces itself.
+struct SecurityCounters {
+  std::uint64_t peers_unsecured = 0;       ///< they speak without DDS Security
+  std::uint64_t peers_of_other_fleet = 0;  ///< another authority made their certificates
+  std::uint64_t peers_unproven = 0;        ///< certificate or permissions expired, altered, or never shown
+  std::uint64_t impersonations = 0;  ///< samples whose sender is not the vehicle whose certificate they came under
+  std::uint64_t unprotected = 0;     ///< RTPS messages that lacked the protection which the fleet's rules ask for
+};
+
 /// What only this exchange can tell, besides ExchangeCounters.
 struct DdsCounters {
   std::uint64_t datagrams_sent = 0;      ///< RTPS messages, one per destination
@@ -57,6 +70,7 @@ struct DdsCounters {
   std::uint64_t refused_to_wire = 0;     ///< messages of one's own that the wire format cannot hold (see convert.hpp)
   std::uint64_t incompatible_peers = 0;  ///< endpoints of the same topic whose quality of service does not match ours
   std::uint64_t samples_lost = 0;        ///< samples the middleware knows it has lost
+  SecurityCounters refused;              ///< all 0 with DDS Security off
 };
 
 /// Threads: send() and take() may be called from different threads, each from one at a time. Receiving threads of the
@@ -71,7 +85,8 @@ struct DdsCounters {
 template <class G>
 class DdsExchange final : public SubmapExchange<G> {
  public:
-  /// Opens all endpoints. Throws ConfigError. Create and destroy exchanges from one thread at a time.
+  /// Opens all endpoints. Throws ConfigError. From any thread: creating and destroying exchanges of
+  /// one process waits for one another.
   explicit DdsExchange(const DdsConfig& config);
   ~DdsExchange() override;
   DdsExchange(const DdsExchange&) = delete;
@@ -85,8 +100,12 @@ class DdsExchange final : public SubmapExchange<G> {
   ExchangeCounters counters() const override;
   DdsCounters dds_counters() const;
 
+  /// The last peer that was refused, and why, in words; empty if there was none.
+  std::string last_refused_peer() const;
+
   /// Remote participants of which every endpoint of convoy has found its counterpart here.
   std::size_t peers() const;
+  std::optional<std::size_t> live_peers() const override { return peers(); }
 
   /// True once at least `count` peers are there, false if that is not so within `timeout_s`.
   [[nodiscard]] bool wait_for_peers(std::size_t count, double timeout_s) const;

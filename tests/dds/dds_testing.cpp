@@ -17,7 +17,7 @@
 namespace convoy::dds::testing {
 
 std::uint32_t domain_of_this_test() {
-  constexpr std::uint32_t first = 100, count = 130;
+  constexpr std::uint32_t first = CONVOY_FIRST_TEST_DOMAIN, count = CONVOY_TEST_DOMAINS;
   const auto& all = *::testing::UnitTest::GetInstance();
   const auto* current = all.current_test_info();
   std::uint32_t number = 0;

@@ -1,11 +1,15 @@
 // One vehicle's exchange in a process of its own: convoy_dds_peer PROFILES DOMAIN VEHICLE [ADDRESS] [OPTION...]
-// Options: impair=IMPAIRMENT, and as often as needed peer=ADDRESS[:PORT] and server=ADDRESS:PORT.
+// Options: impair=IMPAIRMENT, security=FOLDER, and as often as needed peer=ADDRESS[:PORT] and server=ADDRESS:PORT.
 // Driven by lines on standard input:
 //   peers N           waits for N peers, prints "peers N" or "no peers"
 //   now N             the same, without waiting
 //   send FIRST COUNT  sends anchors of these indices, prints "sent COUNT"
+//   relay AUTHOR FIRST COUNT  the same, of anchors that AUTHOR has written
+//   claim AUTHOR FIRST COUNT  the same, pretending to be AUTHOR
+//   refused           prints "refused UNSECURED OTHER_FLEET UNPROVEN IMPERSONATIONS UNPROTECTED", then the last peer
+//   cpu               prints "cpu MS": what this process has used so far
 //   pair N            sends one association of N pairings, prints "paired N" or "not paired"
-//   expect N          takes until N different facts are held, prints "held N" (what is held at the deadline)
+//   expect N          takes until N different facts are held (or COUNT seconds), prints "held N"
 //   take              takes what is there, prints "held N"
 //   block V, unblock V  stops hearing vehicle V, or goes on; prints "blocked V", "unblocked V"
 //   bytes             prints "bytes RTPS HEADERS DATAGRAMS"
@@ -15,8 +19,11 @@
 #include <convoy/dds/impaired_transport.hpp>
 #include <convoy/geometry/se2.hpp>
 
+#include <fastdds/dds/log/Log.hpp>
+
 #include <algorithm>
 #include <chrono>
+#include <ctime>
 #include <fstream>
 #include <iostream>
 #include <set>
@@ -40,19 +47,20 @@ void take(dds::DdsExchange<SE2>& exchange, Held& held) {
   }
 }
 
-void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count) {
-  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(deadline_s);
+void expect(dds::DdsExchange<SE2>& exchange, Held& held, std::size_t count, double timeout_s) {
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
   while (held.size() < count && std::chrono::steady_clock::now() < deadline)
     if (exchange.wait_for_messages(0.1)) take(exchange, held);
 }
 
-std::uint32_t send(dds::DdsExchange<SE2>& exchange, VehicleId vehicle, std::uint32_t first, std::uint32_t count) {
+std::uint32_t send(dds::DdsExchange<SE2>& exchange, VehicleId sender, VehicleId author, std::uint32_t first,
+                   std::uint32_t count) {
   std::uint32_t sent = 0;
   for (std::uint32_t i = first; i < first + count; ++i) {
     AnchorFact<SE2> fact;
-    fact.key = {{vehicle, 1}, i};
+    fact.key = {{author, 1}, i};
     fact.state.abscissa_m = 25.0 * i;
-    if (exchange.send({fact.key.chain, fact}) == SendStatus::sent) ++sent;
+    if (exchange.send({{sender, 1}, fact}) == SendStatus::sent) ++sent;
   }
   return sent;
 }
@@ -108,6 +116,7 @@ void print_devices() {
 
 int main(int argc, char** argv) {
   if (argc < 4) return 2;
+  eprosima::fastdds::dds::Log::ClearConsumers();  // they write to standard output, where our answers go
   dds::DdsConfig config;
   config.profile_file = argv[1];
   config.domain = static_cast<std::uint32_t>(std::stoul(argv[2]));
@@ -117,6 +126,7 @@ int main(int argc, char** argv) {
   for (int i = 4; i < argc; ++i) {
     const std::string option = argv[i];
     if (option.starts_with("impair=")) network = dds::impair(config, Impairments::parse(option.substr(7)));
+    else if (option.starts_with("security=")) config.security_folder = option.substr(9);
     else if (option.starts_with("peer=")) config.initial_peers.push_back(option.substr(5));
     else if (option.starts_with("server=")) config.discovery_servers.push_back(option.substr(7));
     else config.interface_whitelist = {option};
@@ -127,19 +137,32 @@ int main(int argc, char** argv) {
   for (std::string line; std::getline(std::cin, line);) {
     std::istringstream words(line);
     std::string verb;
+    VehicleId author = vehicle;
     std::uint32_t first = 0, count = 0;
-    words >> verb >> first >> count;
+    words >> verb;
+    if (verb == "relay" || verb == "claim") words >> author;
+    words >> first >> count;
     if (verb == "peers" || verb == "now") {
       std::cout << (exchange.wait_for_peers(first, verb == "now" ? 0.0 : deadline_s) ? "peers " + std::to_string(first)
                                                                                      : "no peers")
                 << std::endl;
     } else if (verb == "send") {
-      std::cout << "sent " << send(exchange, vehicle, first, count) << std::endl;
+      std::cout << "sent " << send(exchange, vehicle, vehicle, first, count) << std::endl;
+    } else if (verb == "relay" || verb == "claim") {
+      const VehicleId sender = verb == "claim" ? author : vehicle;
+      std::cout << "sent " << send(exchange, sender, author, first, count) << std::endl;
+    } else if (verb == "refused") {
+      const auto refused = exchange.dds_counters().refused;
+      std::cout << "refused " << refused.peers_unsecured << ' ' << refused.peers_of_other_fleet << ' '
+                << refused.peers_unproven << ' ' << refused.impersonations << ' ' << refused.unprotected << '\n'
+                << exchange.last_refused_peer() << std::endl;
+    } else if (verb == "cpu") {
+      std::cout << "cpu " << 1000 * std::clock() / CLOCKS_PER_SEC << std::endl;
     } else if (verb == "pair") {
       std::cout << (send_association(exchange, vehicle, first) ? "paired " + std::to_string(first) : "not paired")
                 << std::endl;
     } else if (verb == "expect") {
-      expect(exchange, held, first);
+      expect(exchange, held, first, count == 0 ? deadline_s : count);
       std::cout << "held " << held.size() << std::endl;
     } else if (verb == "take") {
       take(exchange, held);

@@ -52,13 +52,14 @@ TEST_F(VehicleConfigTest, AWholeFileIsRead) {
   const VehicleConfig<SE2> c = load(
       "<?xml version=\"1.0\"?>\n<!-- a vehicle -->\n<convoy version=\"1\">\n"
       "  <vehicle id=\"2\" state_folder=\"state\" roster=\"1 2\" first_epoch=\"7\"/>\n"
-      "  <dds domain=\"232\" max_queued_messages=\"12\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
+      "  <dds domain=\"232\" max_queued_messages=\"12\" security=\"vehicle_2\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
       "  <sensors file=\"s.csv\" rate=\"1e1\"/>\n</convoy>\n<!-- the end -->\n");
   EXPECT_EQ(c.vehicle.id, 2U);
   EXPECT_EQ(c.vehicle.submaps.limits.roster, (std::vector<VehicleId>{1, 2}));
   EXPECT_EQ(c.vehicle.fresh_epoch(), 7U);
   EXPECT_EQ(c.dds.domain, 232U);
   EXPECT_EQ(c.dds.max_queued_messages, 12U);
+  EXPECT_EQ(c.dds.security_folder, (file_.parent_path() / "vehicle_2").string()) << "beside the file";
   EXPECT_EQ(c.impairment.received.seed, std::numeric_limits<std::uint64_t>::max());
   EXPECT_EQ(c.sensors.rate, 10.0);
 }
@@ -68,6 +69,7 @@ TEST_F(VehicleConfigTest, WhatIsSavedIsReadBack) {
   c.vehicle.id = 3;
   c.vehicle.state_folder = "/somewhere/state";
   c.first_epoch = 12;
+  c.dds.security_folder = "/somewhere/vehicle_3";
   c.impairment.received.jitter_s = 0.1;
   c.impairment.received.partitions = {{{3, 4}, 10.0, 70.5}, {{5}, 0.0, 1.0}};
   c.impairment.sent.rate_bytes_per_s = 5000.0;
