@@ -107,7 +107,7 @@ void use_peers(rtps::BuiltinAttributes& builtin, const DdsConfig& config, const 
     builtin.initialPeersList.push_back(locator_of(entry, tcp));
   }
   if (builtin.initialPeersList.empty())
-    throw ConfigError(errors.where + "no initial peers, and it does not use multicast; name the addresses of some of " +
+    throw ConfigError(errors.where + "no initial peers, and it does not use multicast; name the addresses of " +
                       "the other vehicles in " + errors.entry("peers"));
 }
 

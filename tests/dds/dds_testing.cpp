@@ -157,6 +157,8 @@ void DiscoveryServer::start() {
     throw std::runtime_error("the Discovery Server does not start");
 }
 
-bool DiscoveryServer::installed() { return Child({"sh", "-c", "command -v fast-discovery-server >/dev/null"}).finish() == 0; }
+bool DiscoveryServer::installed() {
+  return Child({"sh", "-c", "command -v fast-discovery-server >/dev/null"}).finish() == 0;
+}
 
 }  // namespace convoy::dds::testing

@@ -83,7 +83,6 @@ class DiscoveryServer {
   void start();
   void kill_hard() { server_.reset(); }
   std::string option() const { return "server=" + address_; }
-  const std::string& address() const { return address_; }
   static bool installed();
 
  private:

@@ -53,8 +53,8 @@ class Fleet {
     for (std::size_t i = first; i < children_.size(); ++i) children_[i]->tell(told);
     for (std::size_t i = first; i < children_.size(); ++i) EXPECT_EQ(children_[i]->hear(), heard);
   }
-  /// Everybody finds everybody, and all facts; `each` new ones, after `before` of each.
-  void exchange_everything(std::size_t before, std::size_t each) {
+  /// Everybody finds everybody, and then says `each` facts more than the `before` that it has said.
+  void meet_and_send(std::size_t before, std::size_t each) {
     const std::size_t others = children_.size() - 1;
     expect_all("peers " + std::to_string(others), "peers " + std::to_string(others));
     expect_all("send " + std::to_string(before) + " " + std::to_string(each), "sent " + std::to_string(each));
@@ -116,7 +116,7 @@ TEST(Discovery, MalformedAddressesAreRefusedBeforeAnybodyIsAskedForThem) {
 TEST(Discovery, SixOnOneHostFindEachOtherByInitialPeers) {
   Fleet fleet(profile_named("unicast_peers"), {std::string("peer=") + here});
   fleet.add(6);
-  fleet.exchange_everything(0, 50);
+  fleet.meet_and_send(0, 50);
   fleet.expect_all("expect 250", "held 250");
   fleet.finish();
 }
@@ -140,7 +140,7 @@ TEST(Discovery, WithoutARangeTheFifthOnAHostIsNotFoundByTheSixth) {
   const NarrowProfile narrow;
   Fleet fleet(narrow.path, {std::string("peer=") + here});
   fleet.add(4);
-  fleet.exchange_everything(0, 1);
+  fleet.meet_and_send(0, 1);
   fleet.add(2);  // both find the four whose ports they ask, and not each other
   for (const std::size_t late : {4U, 5U}) {
     fleet[late].tell("peers 4");
@@ -167,7 +167,7 @@ TEST_F(DiscoveryServers, ThreeFindEachOtherAndALateOneGetsTheHistory) {
   const DiscoveryServer server(here, server_port());
   Fleet fleet(profile_, {server.option()});
   fleet.add(3);
-  fleet.exchange_everything(0, 100);
+  fleet.meet_and_send(0, 100);
   fleet.expect_all("expect 200", "held 200");
   fleet.add(1);
   fleet[3].tell("expect 300");
@@ -181,7 +181,7 @@ TEST_F(DiscoveryServers, TheServerDiesAndComesBack) {
   DiscoveryServer server(here, server_port());
   Fleet fleet(profile_, {server.option()});
   fleet.add(2);
-  fleet.exchange_everything(0, 10);
+  fleet.meet_and_send(0, 10);
   server.kill_hard();
   fleet.expect_all("send 10 10", "sent 10");
   fleet.expect_all("expect 20", "held 20");
@@ -206,10 +206,10 @@ TEST_F(DiscoveryServers, OfTwoServersOneMayDie) {
   const DiscoveryServer second(here, server_port(1), 1);
   Fleet fleet(profile_, {first.option(), second.option()});
   fleet.add(2);
-  fleet.exchange_everything(0, 10);
+  fleet.meet_and_send(0, 10);
   first.kill_hard();
   fleet.add(1);
-  fleet.exchange_everything(10, 10);
+  fleet.meet_and_send(10, 10);
   for (const std::size_t old : {0U, 1U}) fleet[old].tell("expect 30");
   for (const std::size_t old : {0U, 1U}) EXPECT_EQ(fleet[old].hear(), "held 30");
   fleet[2].tell("expect 40");

@@ -98,9 +98,9 @@ TEST_F(LanTest, ByMulticastAndACableIsPulledAndPutBack) {
 }
 
 TEST_F(LanTest, ByInitialPeersWithoutAnyMulticastAndACableIsPulledAndPutBack) {
-  // A chain: each knows one other, and nobody knows the last one.
+  // Of every two, one names the other; nobody names the last one.
   add("unicast_peers", {"peer=" + lan_->address(1)});
-  add("unicast_peers", {"peer=" + lan_->address(0)});
+  add("unicast_peers", {"peer=" + lan_->address(0) + ":" + std::to_string(7410 + 250 * domain_of_this_test())});
   add("unicast_peers", {"peer=" + lan_->address(0), "peer=" + lan_->address(1)});
   exchange_everything();
   pull_a_cable_and_put_it_back();
