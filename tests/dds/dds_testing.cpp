@@ -16,11 +16,11 @@ namespace convoy::dds::testing {
 std::uint32_t domain_of_this_test() {
   const auto& all = *::testing::UnitTest::GetInstance();
   const auto* current = all.current_test_info();
-  std::uint32_t domain = 100;
+  std::uint32_t domain = CONVOY_FIRST_TEST_DOMAIN;
   for (int s = 0; s < all.total_test_suite_count(); ++s)
     for (int t = 0; t < all.GetTestSuite(s)->total_test_count(); ++t, ++domain)
       if (all.GetTestSuite(s)->GetTestInfo(t) == current) {
-        if (domain > 199) throw std::logic_error("more tests than domains");
+        if (domain > CONVOY_LAST_TEST_DOMAIN) throw std::logic_error("more tests than domains");
         return domain;
       }
   throw std::logic_error("no test is running");

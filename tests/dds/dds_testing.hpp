@@ -18,7 +18,7 @@ namespace convoy::dds::testing {
 
 inline constexpr double deadline_s = 20.0;
 
-/// A domain of the running test's own, 100..199: tests may run at the same time.
+/// A domain of the running test's own, of those of the executable: tests may run at the same time.
 std::uint32_t domain_of_this_test();
 
 std::string loopback_profile();
