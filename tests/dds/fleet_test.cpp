@@ -1,6 +1,7 @@
 // Whole vehicles over DDS on loopback, in both groups; and fleets of both in one domain, which leave each other alone.
 #include "scripted_host.hpp"
 
+#include <convoy/dds/impaired_transport.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
 
@@ -36,6 +37,32 @@ TYPED_TEST(FleetOverDds, ThreeVehiclesFindEachOtherAndEndWithOneMap) {
       EXPECT_LT(squared_mahalanobis(error.Log(), estimate->covariance), chi2_quantile(0.9999, G::Dof));
     }
   }
+}
+
+TEST(FleetOverALossyThinLink, EndsWithOneMapByRepairAlone) {
+  constexpr double patience_s = 60.0;
+  std::vector<std::unique_ptr<Host<SE2>>> hosts;
+  std::vector<std::shared_ptr<ImpairedNetwork>> networks;
+  for (VehicleId id = 1; id <= 3; ++id) {
+    DdsConfig config = config_of_this_test();
+    config.vehicle = id;
+    config.profile_file = profile_named("low_bandwidth");
+    config.interface_whitelist = {"127.0.0.1"};
+    networks.push_back(impair(config, Impairments::parse("seed=" + std::to_string(id))));
+    hosts.push_back(std::make_unique<Host<SE2>>(id, config));
+  }
+  for (const auto& host : hosts) ASSERT_TRUE(host->exchange().wait_for_peers(2, deadline_s));
+  for (const auto& network : networks) network->set_loss_received(0.3);
+  for (const auto& host : hosts) host->drive();
+  std::vector<VehicleSnapshot<SE2>> looks;
+  ASSERT_TRUE(eventually(
+      [&] {
+        looks.clear();
+        for (const auto& host : hosts) looks.push_back(host->look());
+        return one_map(looks);
+      },
+      patience_s));
+  for (const auto& look : looks) EXPECT_GT(look.exchange.dropped, 0U) << "nothing was lost: this proves nothing";
 }
 
 TEST(FleetsOverDds, OfDifferentDimensionsInOneDomainRefuseEachOtherAloud) {
