@@ -21,6 +21,9 @@ Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, Open
   validate(params.submaps.peers);
   validate(params.budget);
   validate(params.watchdog);
+  if (params.watchdog.deaf_s <= params.submaps.repair.digest_idle_s)
+    throw ConfigError(
+        "vehicle: the watchdog's deaf_s must be longer than digest_idle_s of repair: peers may be silent that long");
   if (params.journal && params.state_folder.empty())
     throw ConfigError("vehicle: a journal needs a state_folder to lie in");
 }

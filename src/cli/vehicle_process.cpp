@@ -11,6 +11,7 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <set>
 #include <thread>
 
 #include "scenario/scenario.hpp"
@@ -86,6 +87,40 @@ void print_status(double t_s, bool exhausted, const VehicleSnapshot<G>& snapshot
   std::fflush(stdout);
 }
 
+/// What a host should know of its network, said once each.
+class Warnings {
+ public:
+  template <class G>
+  void look(const VehicleSnapshot<G>& s) {
+    for (const VehicleState<G>& v : s.vehicles)
+      if (v.clock_offset_s && std::abs(*v.clock_offset_s) > noticeable_s && clocks_.insert(v.chain.vehicle).second)
+        spdlog::warn(
+            "the clock of vehicle {} differs from this one's by {:.1f} s: maps do not mind, but encounters with it "
+            "need "
+            "stamps of one clock (run NTP or PTP)",
+            v.chain.vehicle, *v.clock_offset_s);
+    if (s.network.reopened > reopened_)
+      spdlog::warn("the network was {}; it was opened anew, and what was missed is asked for",
+                   to_string(s.network.last_ailment));
+    reopened_ = s.network.reopened;
+    if (s.network.reopen_failed > 0 && !reopening_failed_)
+      spdlog::error("the network cannot be opened anew: {}; it is tried again", s.network.last_error);
+    reopening_failed_ = s.network.reopen_failed > 0;
+    if (s.peers.quarantines > quarantines_)
+      spdlog::warn("a vehicle floods the network: nothing is taken from it for now");
+    quarantines_ = s.peers.quarantines;
+    if (s.journal.waiting > 0 && !journal_waits_)
+      spdlog::error("the journal cannot be written (is the disk full?); facts wait in memory until it can");
+    journal_waits_ = s.journal.waiting > 0;
+  }
+
+ private:
+  static constexpr double noticeable_s = 1.0;
+  std::set<VehicleId> clocks_;
+  std::uint64_t reopened_ = 0, quarantines_ = 0;
+  bool reopening_failed_ = false, journal_waits_ = false;
+};
+
 }  // namespace
 
 template <class G>
@@ -120,8 +155,11 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   spdlog::info("vehicle {} epoch {} on domain {}, {} sensor readings from {}", config.vehicle.id, epoch,
                config.dds.domain, events.size(), config.sensors.file.string());
   vehicle.activate();
-  bool warned = false;
+  bool warned = false, refused = false;
+  Warnings warnings;
   const auto warn_once = [&](const VehicleSnapshot<G>& snapshot) {
+    warnings.look(snapshot);
+    refused = snapshot.refused;
     for (const auto& state : snapshot.vehicles)
       if (!warned && state.chain == snapshot.self && (state.reasons & reason_impersonated) != 0) {
         warned = true;
@@ -133,7 +171,7 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
 
   LogReplay<G> replay(events, config, starts_now ? events.front().t_s : clock());
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
-  while (!stop_requested && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
+  while (!stop_requested && !refused && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
     const double now_s = clock();
     replay.feed_until(now_s, vehicle, slam);
     if (now_s >= next_row_s && !replay.exhausted()) {
@@ -159,6 +197,11 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   });
   print_status(end_s, replay.exhausted(), snapshot);
   vehicle.shutdown();
+  if (refused)
+    throw ConfigError(config.file.string() + ": vehicle " + std::to_string(config.vehicle.id) +
+                      " runs already in another process on domain " + std::to_string(config.dds.domain) +
+                      ", which began earlier; this one was refused, and nothing it stated is lost here. Stop the other "
+                      "one, or give this one an id or a domain of its own");
   spdlog::info("stopped; map {} with {} landmarks known", hex(snapshot.map_digest), snapshot.landmarks_known);
   return 0;
 }

@@ -26,6 +26,10 @@ json vehicle_status(double t_s, const VehicleSnapshot<G>& s) {
   status["landmarks_exported"] = s.landmarks_exported;
   status["landmarks_known"] = s.landmarks_known;
   status["facts_missing"] = s.facts_missing;
+  status["facts_lost"] = s.facts_lost;
+  status["facts_waiting"] = s.network.outbox.facts_waiting;
+  status["network_reopened"] = s.network.reopened;
+  status["refused"] = s.refused;
   status["associations_accepted"] = s.association.accepted;
   status["bytes_sent"] = s.exchange.bytes_sent;
   status["requests_sent"] = s.repair.requests_sent;

@@ -34,14 +34,14 @@ bool impersonated(const json& status) {
   return std::count(status["reasons"].begin(), status["reasons"].end(), json("impersonated")) == 1;
 }
 
-TEST(Fleets, TwoVehiclesWithOneIdAreBothSuspectEverywhereItShows) {
+TEST(Fleets, OfTwoVehiclesWithOneIdTheLaterIsRefusedAndBothAreSuspectEverywhereItShows) {
   const ScratchFolder scratch;
   std::vector<fs::path> configs{vehicle_one(scratch / "one"), vehicle_one(scratch / "two")};
+  std::vector<int> ends;
   {
     Background one({"vehicle", "--until-end", configs[0].string()}, scratch / "one/output");
     Background two({"vehicle", "--until-end", configs[1].string()}, scratch / "two/output");
-    EXPECT_EQ(one.wait(), 0);
-    EXPECT_EQ(two.wait(), 0);
+    ends = {one.wait(), two.wait()};
   }
   std::vector<std::uint64_t> epochs;
   for (const fs::path& config : configs) {
@@ -61,7 +61,12 @@ TEST(Fleets, TwoVehiclesWithOneIdAreBothSuspectEverywhereItShows) {
     for (const auto& [key, value] : status.items()) EXPECT_EQ(summary[key], value) << key;
     EXPECT_TRUE(impersonated(status));
   }
-  EXPECT_NE(epochs[0], epochs[1]);
+  ASSERT_NE(epochs[0], epochs[1]);
+  const std::size_t later = epochs[1] > epochs[0] ? 1 : 0;
+  EXPECT_EQ(ends[1 - later], 0);
+  EXPECT_EQ(ends[later], 2);
+  EXPECT_NE(read_text(configs[later].parent_path() / "output").find("runs already in another process on domain"),
+            std::string::npos);
 }
 
 TEST(Fleets, OneVehicleAloneIsNotSuspect) {

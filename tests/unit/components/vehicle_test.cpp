@@ -401,6 +401,7 @@ TEST_F(VehicleTest, ParametersAreChecked) {
   EXPECT_TRUE(refused([](P& p) { p.drift.gamma = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.budget.burst_s = 0.0; }));
   EXPECT_TRUE(refused([](P& p) { p.watchdog.deaf_s = 0.0; }));
+  EXPECT_TRUE(refused([](P& p) { p.watchdog.deaf_s = p.submaps.repair.digest_idle_s; }));
   EXPECT_TRUE(refused([](P& p) { p.submaps.peers.burst = 0.0; }));
   EXPECT_TRUE(refused([](P& p) {
     p.journal = true;
