@@ -11,6 +11,7 @@
 #include <chrono>
 #include <cmath>
 #include <csignal>
+#include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <functional>
@@ -246,6 +247,7 @@ constexpr char bad_radio[] = "loss=0.3,delay=100ms,jitter=50ms,duplicate=0.1,reo
 json run_fleet(const fs::path& folder, const Fleet::Setup& setup, VehicleId vehicles, std::uint64_t landmarks,
                double per_s, double timeout_s) {
   Fleet fleet(folder, setup);
+  const std::int64_t begun_us = now_us();
   fleet.start_all(vehicles);
   const States before = fleet.wait_for_each_other();
   fleet.say_all("write " + std::to_string(landmarks) + " " + std::to_string(per_s));
@@ -253,6 +255,7 @@ json run_fleet(const fs::path& folder, const Fleet::Setup& setup, VehicleId vehi
   const auto after = fleet.wait_for_all(facts_of(vehicles, landmarks), writing_s + timeout_s);
   const States states = after ? *after : fleet.states();
   json result = everywhere(fleet);
+  result["found_s"] = seconds_between(begun_us, last(before, "peers_since_us"));
   result["complete"] = after.has_value();
   result["complete_after_last_written_s"] = seconds_between(last(states, "written_us"), last(states, "facts_since_us"));
   result["bytes_per_vehicle"] = mean(states, "bytes");
@@ -329,6 +332,195 @@ json dead_author(const fs::path& folder) {
              details);
 }
 
+json partition(const fs::path& folder) {
+  constexpr VehicleId vehicles = 6;
+  constexpr std::uint64_t landmarks = 1200;
+  constexpr double per_s = 20.0;  // for the 60 s that it lasts
+  Fleet fleet(folder, {profile_named("lossy_radio.xml"), "loss=0"});
+  fleet.start_all(vehicles);
+  fleet.wait_for_each_other();
+  const auto cut = [&](const std::string& verb) {
+    for (VehicleId v = 1; v <= vehicles; ++v)
+      for (VehicleId other = 1; other <= vehicles; ++other)
+        if ((v <= vehicles / 2) != (other <= vehicles / 2)) fleet.say(v, verb + " " + std::to_string(other));
+  };
+  cut("block");
+  fleet.say_all("write " + std::to_string(landmarks) + " " + std::to_string(per_s));
+  fleet.wait("cut in two", 90.0, [&](const States& states) {
+    return std::none_of(states.begin(), states.end(), [](const auto& s) { return s.second.at("writing") == true; });
+  });
+  const States apart = fleet.states();
+  const std::int64_t healed_us = now_us();
+  cut("unblock");
+  const std::uint64_t all = facts_of(vehicles, landmarks);
+  const auto after = fleet.wait("healing", 60.0, [&](const States& states) {
+    return std::all_of(states.begin(), states.end(), [&](const auto& s) {
+      return s.second.at("facts") == all && s.second.at("peers") == vehicles - 1;
+    });
+  });
+  const States states = after ? *after : fleet.states();
+  std::set<std::uint64_t> holdings;
+  for (const auto& [vehicle, state] : states) holdings.insert(state.at("holdings").get<std::uint64_t>());
+  const double found_s = std::max(0.0, seconds_between(healed_us, last(states, "peers_since_us")));
+  const double complete_s = seconds_between(healed_us, last(states, "facts_since_us"));
+  json details = {{"facts", all},
+                  {"most_facts_before_the_healing", most(apart, "facts")},
+                  {"most_peers_before_the_healing", most(apart, "peers")},
+                  {"all_found_after_healing_s", found_s},
+                  {"complete_after_healing_s", complete_s},
+                  {"complete", after.has_value()},
+                  {"digests_equal", holdings.size() == 1},
+                  {"requests_per_vehicle", mean(states, "requests")},
+                  {"facts_served_per_vehicle", mean(states, "served")}};
+  return row("complete <= 2 s after discovery, equal digests",
+             after ? text_of(std::max(0.0, complete_s - found_s)) + " s after all had found each other, " +
+                         text_of(complete_s) + " s after the healing"
+                   : "NOT COMPLETE",
+             after && holdings.size() == 1 && complete_s - found_s <= 2.0, details);
+}
+
+json late_joiner(const fs::path& folder) {
+  constexpr VehicleId vehicles = 5;
+  constexpr std::uint64_t landmarks = 10000;
+  Fleet fleet(folder, {profile_named("loopback_udp.xml")});
+  fleet.start_all(vehicles);
+  fleet.wait_for_each_other();
+  fleet.say_all("write " + std::to_string(landmarks) + " 1000");
+  if (!fleet.wait_for_all(facts_of(vehicles, landmarks), 120.0))
+    return row("complete <= 3 s after its start", "the five were not complete before it", false, json::object());
+  const States before = fleet.states();
+  const std::int64_t started_us = now_us();
+  fleet.start(vehicles + 1);
+  const auto after = fleet.wait_for_all(facts_of(vehicles, landmarks) + 2, 60.0);
+  json details = {{"landmarks", vehicles * landmarks}, {"complete", after.has_value()}};
+  if (!after) return row("complete <= 3 s after its start", "NOT COMPLETE", false, details);
+  const json& joiner = after->at(vehicles + 1);
+  const double took_s = seconds_between(started_us, joiner.at("facts_since_us").get<std::int64_t>());
+  details["complete_after_start_s"] = took_s;
+  details["found_after_start_s"] = seconds_between(started_us, joiner.at("peers_since_us").get<std::int64_t>());
+  details["joiner"] = joiner;
+  details["bytes_of_the_others_each"] =
+      (mean(*after, "bytes") * (vehicles + 1) - joiner.at("bytes").get<double>()) / vehicles - mean(before, "bytes");
+  return row("complete <= 3 s after its start", text_of(took_s) + " s", took_s <= 3.0, details);
+}
+
+json bytes_per_landmark(const fs::path& folder) {
+  constexpr std::uint64_t landmarks = 4000;
+  json details = run_fleet(folder, {profile_named("lossy_radio.xml"), "loss=0.1"}, 2, landmarks, 200.0, 30.0);
+  const double bytes = details["bytes_per_vehicle"].get<double>() / static_cast<double>(landmarks);
+  details["bytes_per_landmark"] = bytes;
+  return row("<= 120 bytes per landmark, everything included, 10 % loss", text_of(bytes) + " bytes",
+             details["complete"] == true && bytes <= 120.0, details);
+}
+
+// 2 m/s, 20 landmarks every 25 m, a live pose every second.
+json paper_with(const fs::path& folder, const std::string& profile) {
+  constexpr int duration_s = 100;
+  Fleet fleet(folder, {profile_named(profile)});
+  fleet.start_all(2);
+  const std::int64_t begun_us = now_us();
+  States found = fleet.wait_for_each_other();
+  fleet.say_all("live 1");
+  fleet.say_all("write 160 1.6");
+  double worst = 0.0;
+  States now;
+  for (int second = 1; second <= duration_s; ++second) {
+    while (seconds_between(begun_us, now_us()) < second) pause_ms(5);
+    now = fleet.states();
+    for (const auto& [vehicle, state] : now) {
+      const json& before = found.at(vehicle);
+      if (second > 1)  // the first one is shorter
+        worst = std::max(worst, (state.at("bytes").get<double>() - before.at("bytes").get<double>()) /
+                                    seconds_between(before.at("at_us"), state.at("at_us")));
+    }
+    found = now;
+    if (second % 20 == 0) std::printf("      %s: %d of %d s\n", profile.c_str(), second, duration_s);
+    std::fflush(stdout);
+  }
+  const double mean_rate = mean(now, "bytes") / duration_s;
+  return {{"profile", profile},
+          {"bytes_per_s_mean_with_discovery", mean_rate},
+          {"bytes_per_s_worst_second_after_discovery", worst},
+          {"landmarks_per_vehicle", mean(now, "written")}};
+}
+
+json paper(const fs::path& folder) {
+  json details = paper_with(folder, "low_bandwidth.xml");
+  details["loopback_udp"] = paper_with(folder, "loopback_udp.xml");
+  const double mean_rate = details["bytes_per_s_mean_with_discovery"];
+  const double worst = details["bytes_per_s_worst_second_after_discovery"];
+  return row("<= 1 KB/s per vehicle mean, <= 2 KB/s in the worst second",
+             text_of(1e-3 * mean_rate) + " and " + text_of(1e-3 * worst) + " KB/s (low_bandwidth.xml)",
+             mean_rate <= 1000.0 && worst <= 2000.0, details);
+}
+
+// fast-discovery-server with discovery_server.xml, if it is installed; at a port of its own.
+std::unique_ptr<ChildProcess> discovery_server(const fs::path& folder, std::uint16_t port) {
+  const fs::path program = "/usr/bin/fast-discovery-server";
+  if (!fs::exists(program)) return nullptr;
+  std::ostringstream text;
+  text << std::ifstream(profile_named("discovery_server.xml")).rdbuf();
+  std::string profile = text.str();
+  const std::string from = "<port>11811<", to = "<port>" + std::to_string(port) + "<";
+  for (std::size_t at = 0; (at = profile.find(from, at)) != std::string::npos; at += to.size())
+    profile.replace(at, from.size(), to);
+  write_text_file(folder / "discovery_server.xml", profile);
+  return std::make_unique<ChildProcess>(
+      std::vector<std::string>{"/usr/bin/nice", "-n", "-10", program, "-x", folder / "discovery_server.xml"},
+      folder / "server.log");
+}
+
+json forty(const fs::path& folder) {
+  constexpr VehicleId vehicles = 40;
+  constexpr std::uint64_t landmarks = 200;
+  const auto port = static_cast<std::uint16_t>(12000 + getpid() % 1000);
+  const auto server = discovery_server(folder, port);
+  const std::string asked = "discovered <= 3 s, 20 facts/s each complete, <= 32 MB per process";
+  if (!server) return row(asked, "not run: no fast-discovery-server (package fastdds-tools)", false, json::object());
+  pause_ms(1000);  // until it listens
+  Fleet fleet(folder, {profile_named("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}});
+  const std::int64_t begun_us = now_us();
+  fleet.start_all(vehicles);
+  const States found = fleet.wait_for_each_other();
+  const double found_s = seconds_between(begun_us, last(found, "peers_since_us"));
+  fleet.say_all("write " + std::to_string(landmarks) + " 20");
+  const auto after = fleet.wait_for_all(facts_of(vehicles, landmarks), 60.0);
+  const States states = after ? *after : fleet.states();
+  const double largest_mb = most(states, "rss_kb") / 1024.0;
+  json details = everywhere(fleet);
+  details["found_s"] = found_s;
+  details["complete"] = after.has_value();
+  details["complete_after_last_written_s"] =
+      seconds_between(last(states, "written_us"), last(states, "facts_since_us"));
+  details["largest_mb"] = largest_mb;
+  details["mean_mb"] = mean(states, "rss_kb") / 1024.0;
+  details["bytes_per_vehicle"] = mean(states, "bytes");
+  details["cpu_s_per_vehicle"] = mean(states, "cpu_s");
+  details["requests_per_vehicle"] = mean(states, "requests");
+  return row(asked,
+             "discovered " + text_of(found_s) + " s, " + (after ? "complete" : "NOT COMPLETE") + ", " +
+                 text_of(largest_mb) + " MB",
+             after && found_s <= 3.0 && largest_mb <= 32.0, details);
+}
+
+json growth(const fs::path& folder) {
+  json fleets = json::array();
+  std::string measured;
+  bool met = true;
+  for (const VehicleId vehicles : {2U, 5U, 10U, 20U}) {
+    std::printf("      %u vehicles\n", vehicles);
+    json fleet = run_fleet(folder, {profile_named("loopback_udp.xml")}, vehicles, 5000, 100.0, 60.0);
+    fleet["vehicles"] = vehicles;
+    met = met && fleet["complete"] == true;
+    measured += (measured.empty() ? "" : "; ") + std::to_string(vehicles) + ": " + text_of(fleet["cpu_s_per_vehicle"]) +
+                " s CPU, " + text_of(1e-6 * fleet["bytes_per_vehicle"].get<double>()) + " MB" +
+                (fleet["complete"] == true ? "" : " NOT COMPLETE");
+    fleets.push_back(std::move(fleet));
+  }
+  return row("equal digests; CPU and bytes per vehicle (5000 landmarks each at 100/s)", measured, met,
+             {{"fleets", fleets}});
+}
+
 struct Case {
   const char* name;
   json (*run)(const fs::path& folder);
@@ -336,7 +528,13 @@ struct Case {
 constexpr Case cases[] = {
     {"lossy", lossy},
     {"half_lost", half_lost},
+    {"partition", partition},
+    {"late_joiner", late_joiner},
     {"dead_author", dead_author},
+    {"bytes_per_landmark", bytes_per_landmark},
+    {"paper", paper},
+    {"forty", forty},
+    {"growth", growth},
 };
 
 }  // namespace
