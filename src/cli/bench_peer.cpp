@@ -89,7 +89,7 @@ class BenchPeer {
   }
 
   void run() {
-    constexpr int period_ms = 3;
+    constexpr int period_ms = 20;  // as a Vehicle steps
     std::string input;
     for (;;) {
       pollfd in{STDIN_FILENO, POLLIN, 0};
