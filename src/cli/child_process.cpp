@@ -16,8 +16,9 @@
 namespace convoy::cli {
 
 ChildProcess::ChildProcess(const std::vector<std::string>& command, const std::filesystem::path& error_file) {
-  int ends[2];
-  if (pipe2(ends, O_CLOEXEC) != 0) throw ConfigError(std::string("cannot make a pipe: ") + std::strerror(errno));
+  int ends[2], input[2];
+  if (pipe2(ends, O_CLOEXEC) != 0 || pipe2(input, O_CLOEXEC) != 0)
+    throw ConfigError(std::string("cannot make a pipe: ") + std::strerror(errno));
   const int errors = open(error_file.c_str(), O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0644);
   std::vector<char*> arguments;
   for (const std::string& word : command) arguments.push_back(const_cast<char*>(word.c_str()));
@@ -26,14 +27,17 @@ ChildProcess::ChildProcess(const std::vector<std::string>& command, const std::f
   if (pid_ < 0) throw ConfigError(std::string("cannot start ") + command.front() + ": " + std::strerror(errno));
   if (pid_ == 0) {  // only async-signal-safe calls from here
     prctl(PR_SET_PDEATHSIG, SIGTERM);
+    dup2(input[0], STDIN_FILENO);
     dup2(ends[1], STDOUT_FILENO);
     if (errors >= 0) dup2(errors, STDERR_FILENO);
     execv(arguments[0], arguments.data());
     _exit(127);
   }
   close(ends[1]);
+  close(input[0]);
   if (errors >= 0) close(errors);
   pipe_ = ends[0];
+  input_ = input[1];
   fcntl(pipe_, F_SETFL, O_NONBLOCK);
 }
 
@@ -43,6 +47,17 @@ ChildProcess::~ChildProcess() {
     waitpid(pid_, nullptr, 0);
   }
   close(pipe_);
+  end_input();
+}
+
+bool ChildProcess::say(const std::string& line) {
+  const std::string text = line + "\n";
+  return input_ >= 0 && write(input_, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+}
+
+void ChildProcess::end_input() {
+  if (input_ >= 0) close(input_);
+  input_ = -1;
 }
 
 std::vector<std::string> ChildProcess::lines() {
@@ -66,6 +81,10 @@ const std::optional<std::string>& ChildProcess::ended() {
 
 void ChildProcess::terminate() {
   if (!ended()) kill(pid_, SIGTERM);
+}
+
+void ChildProcess::kill_hard() {
+  if (!ended()) kill(pid_, SIGKILL);
 }
 
 bool ChildProcess::wait(double timeout_s) {

@@ -9,6 +9,8 @@
 #include <cstdio>
 
 #include "associate.hpp"
+#include "bench_network.hpp"
+#include "bench_peer.hpp"
 #include "calibrate.hpp"
 #include "consistency/suite.hpp"
 #include "demo.hpp"
@@ -37,6 +39,7 @@ std::string command_fault(const CLI::App& app, int argc, char** argv) {
   std::string commands;
   for (const CLI::App* command : app.get_subcommands({})) {
     if (command->get_name() == word) return {};
+    if (command->get_group().empty()) continue;  // for this program's own use
     commands += (commands.empty() ? "" : ", ") + command->get_name();
   }
   return (word.empty() ? "no command given" : "no command '" + word + "'") + "; there are: " + commands +
@@ -176,6 +179,26 @@ int main(int argc, char** argv) {
   consistency_command->add_option("--out", consistency.out, "folder for consistency.json and consistency.html")
       ->required();
   consistency_command->callback([&] { status = cli::consistency::run_consistency(consistency); });
+
+  cli::BenchNetworkOptions network;
+  auto* bench_command = app.add_subcommand("bench", "Measure on this machine");
+  bench_command->require_subcommand(1);
+  auto* network_command = bench_command->add_subcommand(
+      "network", "Fleets of processes on a bad network: a table, and network.json; status 1 if a figure is missed");
+  network_command->add_option("--out", network.out, "folder for network.json and the logs")->required();
+  network_command->add_option("--case", network.cases, "case to run, as often as needed (default: all)")
+      ->check(CLI::IsMember(cli::bench_network_cases()));
+  network_command->callback([&] { status = cli::run_bench_network(network); });
+
+  cli::BenchPeerOptions peer;
+  auto* peer_command = app.add_subcommand("bench-peer", "One process of convoy bench network")->group("");
+  peer_command->add_option("--profile", peer.profile)->required();
+  peer_command->add_option("--domain", peer.domain)->required();
+  peer_command->add_option("--vehicle", peer.vehicle)->required();
+  peer_command->add_option("--impair", peer.impair);
+  peer_command->add_option("--server", peer.servers);
+  peer_command->add_flag("--alone", peer.alone, "no digests and no requests: the middleware alone");
+  peer_command->callback([&] { status = cli::run_bench_peer(peer); });
 
   if (const std::string fault = command_fault(app, argc, argv); !fault.empty()) {
     spdlog::error("{}", fault);
