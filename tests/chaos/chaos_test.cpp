@@ -55,7 +55,7 @@ struct Member {
 
 class Chaos {
  public:
-  Chaos(std::uint64_t seed, double seconds, std::uint32_t domain) : seconds_(seconds), random_(seed) {
+  Chaos(std::uint64_t seed, double seconds, std::uint32_t domain) : seconds_(seconds), random_(seed), driving_(seed) {
     for (int v = 1; v <= vehicles; ++v) {
       auto member = std::make_unique<Member>();
       member->garage = {folder_.path(), dds::testing::loopback_profile(), domain, static_cast<VehicleId>(v)};
@@ -126,7 +126,7 @@ class Chaos {
     for (const auto& member : members_) {
       if (member->still_until_s && now_s() >= *member->still_until_s) wake(*member);
       if (!member->run && now_s() >= member->start_s) start(*member);
-      if (awake(*member) && chance(segments_per_s * tick_s)) (void)member->run->segment();
+      if (awake(*member) && driving_.uniform(0.0, 1.0) < segments_per_s * tick_s) (void)member->run->segment();
     }
     if (partition_until_s_ && now_s() >= *partition_until_s_) divide([](Member&) { return 0; }, "the partition ends");
   }
@@ -343,7 +343,8 @@ class Chaos {
 
   const TestFolder folder_;
   const double seconds_;
-  test::Random random_;
+  test::Random random_;   // of the faults
+  test::Random driving_;  // drawn as often as the machine is quick: what befalls whom does not depend on it
   const std::chrono::steady_clock::time_point begun_ = std::chrono::steady_clock::now();
   std::vector<std::unique_ptr<Member>> members_;
   double next_fault_s_ = 3.0, healed_s_ = 0.0, settled_s_ = -1.0;
