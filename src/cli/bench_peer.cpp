@@ -132,7 +132,9 @@ class BenchPeer {
     words >> verb;
     if (verb == "write") {
       written_ = {0, 0, 0.0, now_us()};
-      words >> written_.count >> written_.per_s;
+      std::string how;
+      words >> written_.count >> written_.per_s >> how;
+      bare_ = how == "bare";
     } else if (verb == "live") {
       live_ = {~std::uint64_t{0}, 0, 0.0, now_us()};
       words >> live_.per_s;
@@ -202,7 +204,8 @@ class BenchPeer {
       for (std::size_t i = 0; i < landmarks.size(); ++i) {
         landmarks[i].position = {0.71 * static_cast<double>(i), 3.3 + 0.17 * static_cast<double>(i % 7)};
         landmarks[i].covariance = 0.04 * SE2::PointCovariance::Identity();
-        landmarks[i].loading(0) = 0.05;
+        // As the front end states it: what the errors of a batch have in common fills all columns.
+        if (!bare_) landmarks[i].loading.setConstant(0.02);
       }
       written_.done += landmarks.size();
       const std::int64_t at_us = now_us();
@@ -236,6 +239,7 @@ class BenchPeer {
   NotingExchange exchange_;
   SubmapManager<SE2> manager_;
   Schedule written_, live_;
+  bool bare_ = false;  // landmarks without a loading
   std::uint32_t segments_ = 0;
   Times own_;
   std::uint64_t size_ = 0;

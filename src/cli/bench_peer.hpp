@@ -18,7 +18,7 @@ struct BenchPeerOptions {
 
 /// Reads lines from standard input until they end; answers are JSON objects, one a line. Times are microseconds of the
 /// monotonic clock, which all processes of a machine share.
-///   write COUNT RATE   landmarks, RATE per second, 20 to an anchor
+///   write COUNT RATE [bare]  landmarks, RATE per second, 20 to an anchor; bare: without a loading
 ///   live RATE          live poses per second
 ///   block V, unblock V nothing is heard of vehicle V any more, or again
 ///   state              what it holds, and what that has cost so far
