@@ -15,6 +15,9 @@
 
 #include <fastdds/dds/log/Log.hpp>
 
+#include <signal.h>
+#include <sys/prctl.h>
+
 #include <array>
 #include <chrono>
 #include <fstream>
@@ -173,6 +176,7 @@ void run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   if (argc < 6) return 2;
+  prctl(PR_SET_PDEATHSIG, SIGKILL);  // a test that is broken off leaves nobody behind, not even who stands still
   eprosima::fastdds::dds::Log::ClearConsumers();  // they write to standard output, where our answers go
   try {
     run(argc, argv);
