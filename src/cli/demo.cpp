@@ -136,7 +136,7 @@ class Demo {
     if (!options_.profile.empty()) return options_.profile;
     for (const fs::path& folder :
          {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
-      if (fs::exists(folder / "loopback_udp.xml")) return folder / "loopback.xml";
+      if (fs::exists(folder / "loopback_udp.xml")) return folder / "loopback_udp.xml";
     throw ConfigError("demo: loopback_udp.xml not found; name it with --profile");
   }
 

@@ -25,7 +25,7 @@ struct RepairParams {
   double backoff_max_s = 8.0;
   double relay_delay_s = 0.6;      ///< up to this long a relayer waits for the author or another to answer
   std::uint32_t max_ranges = 256;  ///< asked for at once, in requests of at most 64
-  double answers_per_s = 2000.0;   ///< facts served per second at most; the rest waits, nothing is forgotten
+  double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
   double resend_s = 0.3;           ///< a fact served within this time is on its way, and not served again
   std::uint32_t batch_limit = 16;  ///< landmarks per answering message
   double requests_per_s = 100.0;   ///< of one peer that are listened to; more are counted and passed over
