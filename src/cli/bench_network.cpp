@@ -23,6 +23,7 @@
 #include <thread>
 
 #include "child_process.hpp"
+#include "qos_profile.hpp"
 #include "scenario/table_file.hpp"
 
 namespace convoy::cli {
@@ -43,14 +44,6 @@ std::string text_of(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.2f", value);
   return text;
-}
-
-// Installed beside the program, or in the checkout.
-fs::path profile_named(const std::string& name) {
-  for (const fs::path& folder :
-       {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
-    if (fs::exists(folder / name)) return folder / name;
-  throw ConfigError("bench: the profile " + name + " is neither installed beside the program nor in its checkout");
 }
 
 // Processes of one domain. They are killed when this goes out of scope.
@@ -280,7 +273,7 @@ fs::path default_times(const fs::path& profile, const fs::path& folder) {
 }
 
 json lossy(const fs::path& folder) {
-  const fs::path profile = profile_named("lossy_radio.xml");
+  const fs::path profile = qos_profile("lossy_radio.xml");
   json details = run_fleet(folder, {profile, bad_radio}, 5, 5000, 500.0, 60.0);
   std::printf("      the baseline: Fast DDS alone, heartbeats every 3 s\n");
   details["baseline"] = run_fleet(folder, {default_times(profile, folder), bad_radio, {}, true}, 5, 5000, 500.0, 120.0);
@@ -294,7 +287,7 @@ json lossy(const fs::path& folder) {
 }
 
 json half_lost(const fs::path& folder) {
-  const json details = run_fleet(folder, {profile_named("lossy_radio.xml"), "loss=0.5"}, 5, 500, 100.0, 60.0);
+  const json details = run_fleet(folder, {qos_profile("lossy_radio.xml"), "loss=0.5"}, 5, 500, 100.0, 60.0);
   const double took_s = details["complete_after_last_written_s"];
   const bool complete = details["complete"];
   return row("complete <= 5 s after the last was written", complete ? text_of(took_s) + " s" : "NOT COMPLETE",
@@ -304,7 +297,7 @@ json half_lost(const fs::path& folder) {
 json dead_author(const fs::path& folder) {
   constexpr VehicleId author = 1, witness = 2, vehicles = 5;
   constexpr std::uint64_t landmarks = 200;
-  Fleet fleet(folder, {profile_named("loopback_udp.xml"), "loss=0"});
+  Fleet fleet(folder, {qos_profile("loopback_udp.xml"), "loss=0"});
   fleet.start_all(vehicles);
   fleet.wait_for_each_other();
   for (VehicleId v = witness + 1; v <= vehicles; ++v) fleet.say(v, "block " + std::to_string(author));
@@ -336,7 +329,7 @@ json partition(const fs::path& folder) {
   constexpr VehicleId vehicles = 6;
   constexpr std::uint64_t landmarks = 1200;
   constexpr double per_s = 20.0;  // for the 60 s that it lasts
-  Fleet fleet(folder, {profile_named("lossy_radio.xml"), "loss=0"});
+  Fleet fleet(folder, {qos_profile("lossy_radio.xml"), "loss=0"});
   fleet.start_all(vehicles);
   fleet.wait_for_each_other();
   const auto cut = [&](const std::string& verb) {
@@ -382,7 +375,7 @@ json partition(const fs::path& folder) {
 json late_joiner(const fs::path& folder) {
   constexpr VehicleId vehicles = 5;
   constexpr std::uint64_t landmarks = 10000;
-  Fleet fleet(folder, {profile_named("loopback_udp.xml")});
+  Fleet fleet(folder, {qos_profile("loopback_udp.xml")});
   fleet.start_all(vehicles);
   fleet.wait_for_each_other();
   fleet.say_all("write " + std::to_string(landmarks) + " 1000");
@@ -410,7 +403,7 @@ json bytes_per_landmark(const fs::path& folder) {
   std::string measured;
   bool met = false;
   const auto measure = [&](const std::string& name, const char* profile, const std::string& how) {
-    json pair = run_fleet(folder, {profile_named(profile), "loss=0.1"}, 2, landmarks, 200.0, 60.0, how);
+    json pair = run_fleet(folder, {qos_profile(profile), "loss=0.1"}, 2, landmarks, 200.0, 60.0, how);
     const double bytes = pair["bytes_per_vehicle"].get<double>() / static_cast<double>(landmarks);
     pair["bytes_per_landmark"] = bytes;
     if (details.empty()) met = pair["complete"] == true && bytes <= 120.0;
@@ -427,7 +420,7 @@ json bytes_per_landmark(const fs::path& folder) {
 // 2 m/s, 20 landmarks every 25 m, a live pose every second.
 json paper_with(const fs::path& folder, const std::string& profile) {
   constexpr int duration_s = 100;
-  Fleet fleet(folder, {profile_named(profile)});
+  Fleet fleet(folder, {qos_profile(profile)});
   fleet.start_all(2);
   const std::int64_t begun_us = now_us();
   States found = fleet.wait_for_each_other();
@@ -470,7 +463,7 @@ std::unique_ptr<ChildProcess> discovery_server(const fs::path& folder, std::uint
   const fs::path program = "/usr/bin/fast-discovery-server";
   if (!fs::exists(program)) return nullptr;
   std::ostringstream text;
-  text << std::ifstream(profile_named("discovery_server.xml")).rdbuf();
+  text << std::ifstream(qos_profile("discovery_server.xml")).rdbuf();
   std::string profile = text.str();
   const std::string from = "<port>11811<", to = "<port>" + std::to_string(port) + "<";
   for (std::size_t at = 0; (at = profile.find(from, at)) != std::string::npos; at += to.size())
@@ -489,7 +482,7 @@ json forty(const fs::path& folder) {
   const std::string asked = "discovered <= 3 s, 20 facts/s each complete, <= 32 MB per process";
   if (!server) return row(asked, "not run: no fast-discovery-server (package fastdds-tools)", false, json::object());
   pause_ms(1000);  // until it listens
-  Fleet fleet(folder, {profile_named("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}});
+  Fleet fleet(folder, {qos_profile("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}});
   const std::int64_t begun_us = now_us();
   fleet.start_all(vehicles);
   const States found = fleet.wait_for_each_other();
@@ -520,7 +513,7 @@ json growth(const fs::path& folder) {
   bool met = true;
   for (const VehicleId vehicles : {2U, 5U, 10U, 20U}) {
     std::printf("      %u vehicles\n", vehicles);
-    json fleet = run_fleet(folder, {profile_named("loopback_udp.xml")}, vehicles, 5000, 200.0, 60.0);
+    json fleet = run_fleet(folder, {qos_profile("loopback_udp.xml")}, vehicles, 5000, 200.0, 60.0);
     fleet["vehicles"] = vehicles;
     met = met && fleet["complete"] == true;
     measured += (measured.empty() ? "" : "; ") + std::to_string(vehicles) + ": " + text_of(fleet["cpu_s_per_vehicle"]) +

@@ -24,6 +24,7 @@
 #include "child_process.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
+#include "qos_profile.hpp"
 #include "report/report.hpp"
 #include "scenario/mrclam.hpp"
 #include "scenario/street.hpp"
@@ -133,11 +134,7 @@ class Demo {
   }
 
   fs::path profile_file() const {
-    if (!options_.profile.empty()) return options_.profile;
-    for (const fs::path& folder :
-         {this_program().parent_path() / "../share/convoy/qos_profiles", fs::path(CONVOY_PROFILE_DIR)})
-      if (fs::exists(folder / "loopback_udp.xml")) return folder / "loopback_udp.xml";
-    throw ConfigError("demo: loopback_udp.xml not found; name it with --profile");
+    return options_.profile.empty() ? qos_profile("loopback_udp.xml") : fs::path(options_.profile);
   }
 
   // Vehicles of another fleet that are heard on the domain, before ours speak. Both fleets would number their vehicles
