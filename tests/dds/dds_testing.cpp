@@ -161,4 +161,22 @@ bool DiscoveryServer::installed() {
   return Child({"sh", "-c", "command -v fast-discovery-server >/dev/null"}).finish() == 0;
 }
 
+Sent sent_by(Child& peer) {
+  peer.tell("bytes");
+  std::istringstream words(peer.hear());
+  std::string word;
+  Sent sent;
+  words >> word >> sent.rtps >> sent.headers >> sent.datagrams;
+  return sent;
+}
+
+std::string refusal(const DdsConfig& config) {
+  try {
+    DdsExchange<SE2> exchange(config);
+  } catch (const ConfigError& error) {
+    return error.what();
+  }
+  return "accepted";
+}
+
 }  // namespace convoy::dds::testing

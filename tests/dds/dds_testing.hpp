@@ -91,4 +91,13 @@ class DiscoveryServer {
   std::unique_ptr<Child> server_;
 };
 
+/// What a peer says it has put on the wire.
+struct Sent {
+  std::uint64_t rtps = 0, headers = 0, datagrams = 0;
+};
+Sent sent_by(Child& peer);
+
+/// What opening an exchange is refused with; "accepted" if it is not.
+std::string refusal(const DdsConfig& config);
+
 }  // namespace convoy::dds::testing

@@ -23,15 +23,6 @@ DdsConfig config_with(const std::string& profile) {
   return config;
 }
 
-std::string refusal(const DdsConfig& config) {
-  try {
-    DdsExchange<SE2> exchange(config);
-  } catch (const ConfigError& error) {
-    return error.what();
-  }
-  return "accepted";
-}
-
 /// Of this test alone, above the ports of all domains of tests.
 std::uint16_t server_port(int place = 0) {
   return static_cast<std::uint16_t>(11811 + 2 * (domain_of_this_test() - 100) + static_cast<std::uint32_t>(place));

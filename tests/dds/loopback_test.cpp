@@ -102,19 +102,6 @@ std::map<std::string, Device> devices(Child& child) {
   return all;
 }
 
-struct Sent {
-  std::uint64_t rtps = 0, headers = 0, datagrams = 0;
-};
-
-Sent sent_by(Child& child) {
-  child.tell("bytes");
-  std::istringstream words(child.hear());
-  std::string word;
-  Sent sent;
-  words >> word >> sent.rtps >> sent.headers >> sent.datagrams;
-  return sent;
-}
-
 // In a network namespace with a second, live interface: that one stays silent, and the bytes we say we send are those
 // that the kernel sees.
 TEST(Loopback, NothingLeavesAndTheByteCountIsTheKernels) {

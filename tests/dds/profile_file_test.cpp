@@ -38,16 +38,7 @@ class ChangedProfile {
                      ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".xml";
 };
 
-std::string refusal(const DdsConfig& config) {
-  try {
-    DdsExchange<SE2> exchange(config);
-  } catch (const ConfigError& error) {
-    return error.what();
-  }
-  return "accepted";
-}
-
-std::string refusal(const std::string& from, const std::string& to) {
+std::string refusal_after(const std::string& from, const std::string& to) {
   const ChangedProfile changed(from, to);
   DdsConfig config = config_of_this_test();
   config.profile_file = changed.path;
@@ -82,13 +73,14 @@ TEST(ProfileFile, MissingParticipantProfileIsNamed) {
 
 TEST(ProfileFile, AWriterWithNeitherProfileIsNamedWithBoth) {
   const std::string refused =
-      refusal("data_writer profile_name=\"convoy/facts\"", "data_writer profile_name=\"convoy/fakts\"");
+      refusal_after("data_writer profile_name=\"convoy/facts\"", "data_writer profile_name=\"convoy/fakts\"");
   EXPECT_THAT(refused, HasSubstr("no data_writer profile 'convoy/v1/Bias' nor one of its class"));
   EXPECT_THAT(refused, HasSubstr("add <data_writer profile_name=\"convoy/facts\">"));
 }
 
 TEST(ProfileFile, AReaderWithNeitherProfileIsNamedWithBoth) {
-  const std::string refused = refusal("data_reader profile_name=\"convoy/requests\"", "data_reader profile_name=\"x\"");
+  const std::string refused =
+      refusal_after("data_reader profile_name=\"convoy/requests\"", "data_reader profile_name=\"x\"");
   EXPECT_THAT(refused, HasSubstr("no data_reader profile 'convoy/v1/Request' nor one of its class"));
   EXPECT_THAT(refused, HasSubstr("add <data_reader profile_name=\"convoy/requests\">"));
 }
@@ -112,28 +104,30 @@ TEST(ProfileFile, AProfileOfTheTopicsOwnGoesBeforeThatOfItsClass) {
 
 TEST(ProfileFile, DoubledProfileHasALine) {
   const std::string refused =
-      refusal("data_writer profile_name=\"convoy/values\"", "data_writer profile_name=\"convoy/facts\"");
+      refusal_after("data_writer profile_name=\"convoy/values\"", "data_writer profile_name=\"convoy/facts\"");
   EXPECT_THAT(refused, HasSubstr("a second data_writer profile 'convoy/facts'"));
   EXPECT_THAT(refused, ::testing::ContainsRegex("\\.xml:[0-9]+: "));
 }
 
 TEST(ProfileFile, MalformedXmlHasALine) {
-  EXPECT_THAT(refusal("</userTransports>", "</users>"), ::testing::ContainsRegex("\\.xml:[0-9]+: not well-formed"));
+  EXPECT_THAT(refusal_after("</userTransports>", "</users>"),
+              ::testing::ContainsRegex("\\.xml:[0-9]+: not well-formed"));
 }
 
 TEST(ProfileFile, WhatFastDdsRefusesIsAnError) {
-  EXPECT_THAT(refusal("<kind>KEEP_ALL</kind>", "<kind>KEEP_SOME</kind>"), HasSubstr("Fast DDS refuses"));
+  EXPECT_THAT(refusal_after("<kind>KEEP_ALL</kind>", "<kind>KEEP_SOME</kind>"), HasSubstr("Fast DDS refuses"));
 }
 
 TEST(ProfileFile, ProcessWideSettingsAreRefused) {
-  EXPECT_THAT(refusal("<participant profile_name", "<participant is_default_profile=\"true\" profile_name"),
+  EXPECT_THAT(refusal_after("<participant profile_name", "<participant is_default_profile=\"true\" profile_name"),
               HasSubstr("would change the whole process"));
 }
 
 TEST(ProfileFile, BuiltInTransportsAreRefused) {
-  EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"),
+  EXPECT_THAT(refusal_after("<useBuiltinTransports>false", "<useBuiltinTransports>true"),
               ::testing::ContainsRegex("\\.xml:[0-9]+: participant"));
-  EXPECT_THAT(refusal("<useBuiltinTransports>false", "<useBuiltinTransports>true"), HasSubstr("useBuiltinTransports"));
+  EXPECT_THAT(refusal_after("<useBuiltinTransports>false", "<useBuiltinTransports>true"),
+              HasSubstr("useBuiltinTransports"));
 }
 
 TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
@@ -146,7 +140,7 @@ TEST(ProfileFile, ATransportWithoutInterfacesIsRefused) {
 }
 
 TEST(ProfileFile, ATransportThatCannotBeCountedIsRefused) {
-  EXPECT_THAT(refusal("<type>UDPv4</type>", "<type>UDPv6</type>"), HasSubstr("none of UDPv4, TCPv4 and SHM"));
+  EXPECT_THAT(refusal_after("<type>UDPv4</type>", "<type>UDPv6</type>"), HasSubstr("none of UDPv4, TCPv4 and SHM"));
 }
 
 TEST(ProfileFile, TheLanProfileSpeaksWhereItIsToldTo) {

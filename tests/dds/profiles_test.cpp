@@ -21,19 +21,6 @@ namespace {
 
 constexpr const char* here = "127.0.0.1";  // profiles of networks name no interface
 
-struct Sent {
-  std::uint64_t rtps = 0, headers = 0, datagrams = 0;
-};
-
-Sent sent_by(Child& child) {
-  child.tell("bytes");
-  std::istringstream words(child.hear());
-  std::string word;
-  Sent sent;
-  words >> word >> sent.rtps >> sent.headers >> sent.datagrams;
-  return sent;
-}
-
 std::vector<std::string> peer(VehicleId vehicle, const std::string& profile, const std::vector<std::string>& more) {
   auto command = peer_command(vehicle, profile);
   command.insert(command.end(), more.begin(), more.end());

@@ -224,15 +224,6 @@ TEST(Security, PermissionsOfOnesOwnMakingShutOutAndAreCounted) {
   expect_shut_out(a, b, stranger, &Refused::unproven, "did not prove");
 }
 
-std::string refusal(const DdsConfig& config) {
-  try {
-    const DdsExchange<SE2> exchange(config);
-  } catch (const ConfigError& error) {
-    return error.what();
-  }
-  return "accepted";
-}
-
 TEST(SecurityFolder, WhatIsMissingOrNotReadableIsNamed) {
   const Certificates fleet("1");
   for (const char* name :
