@@ -565,6 +565,7 @@ WireStatus to_wire(const ChainId& sender, const Request& request, v1::Request& s
   set_author(sender, sample);
   sample.target(wire_chain(request.target));
   sample.kind(static_cast<v1::FactKind>(request.kind));
+  sample.anybody(request.anybody);
   sample.ranges().clear();
   for (const IndexRange& range : request.ranges) {
     v1::IndexRange out;
@@ -581,11 +582,12 @@ WireStatus from_wire(const v1::Request& sample, Message<G>& message) {
   if (sample.ranges().size() > bounds::ranges) return WireStatus::too_many;
   Request request;
   request.target = core_chain(sample.target());
+  request.anybody = sample.anybody();
   for (const v1::IndexRange& range : sample.ranges()) {
     if (range.first() >= range.end()) return WireStatus::out_of_range;
     request.ranges.push_back({range.first(), range.end()});
   }
-  const WireStatus status = convert_enum(sample.kind(), v1::KIND_ABSOLUTE_FIX, request.kind);
+  const WireStatus status = convert_enum(sample.kind(), v1::KIND_WAYPOINT, request.kind);
   message = {author(sample), std::move(request)};
   return status;
 }

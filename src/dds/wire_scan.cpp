@@ -196,6 +196,7 @@ void scan(WireScan& wire, const v1::Request*) {
   scan_author(wire);
   scan_chain(wire);
   wire.skip(4);
+  wire.skip(1);
   wire.skip(4, 2 * std::size_t{wire.length(bounds::ranges)});
 }
 

@@ -65,11 +65,12 @@ struct LivePose {
   typename G::Covariance shared = G::Covariance::Zero();
 };
 
-/// "Send me these again", to whoever holds them.
+/// "Send me these again."
 struct Request {
   ChainId target;
   FactKind kind = FactKind::anchor;
   std::vector<IndexRange> ranges;
+  bool anybody = true;  ///< false: their author is there, and the first to be asked; others keep quiet
 };
 
 /// What the sender knows. High-water marks make lost tails visible; equal `map_facts` with unequal `map` is an alarm.

@@ -12,6 +12,7 @@ constexpr std::size_t ranges_per_request = 64;  // what the wire holds
 constexpr double silent_after = 3.0;            // idle periods without a digest: the peer is gone
 constexpr double prompt_within = 0.2;           // s; a digest for somebody new
 constexpr double lost_period_s = 60.0;          // between two requests for what is declared missing
+constexpr std::uint32_t relay_block = 32;       // indices that one relayer answers at once
 
 /// Calls visit(index) for each held index of `ranges`.
 template <class Sequence, class Visit>
@@ -102,15 +103,30 @@ void RepairProtocol<G>::on_request(const FactStore<G>& store, const ChainId& sen
   put_off(store, request, now_s);
   const auto chain = store.chains().find(request.target);
   if (chain == store.chains().end()) return;
-  forget_served(now_s);
   const bool own = request.target == self_;
+  if (!own && !request.anybody) return;
+  forget_served(now_s);
+  // What lies together is drawn together: it fits one message.
+  std::uint32_t block = ~std::uint32_t{0};
+  double at_s = now_s;
   FactStore<G>::with_sequence(chain->second, request.kind, [&](const auto& held) {
     for_each_held(held, request.ranges, [&](std::uint32_t index) {
       const FactId fact{request.kind, Key{request.target, index}};
       if (served_.contains(fact)) return;
-      answers_.try_emplace(fact, own ? now_s : now_s + params_.relay_delay_s * (0.25 + 0.75 * uniform()));
+      if (!own && index / relay_block != block) at_s = relay_at(now_s);
+      block = index / relay_block;
+      answers_.try_emplace(fact, at_s);
     });
   });
+}
+
+// Few of many shall answer, whatever their number N: of delays relay_delay_s (1 + ln u / ln N) one on average is not
+// above zero, and N^(t / relay_delay_s) are not above t (Nonnenmacher and Biersack, "Scalable feedback", 1999).
+template <class G>
+double RepairProtocol<G>::relay_at(double now_s) {
+  const double crowd = static_cast<double>(std::max<std::size_t>(peers_.size(), 2));
+  const double u = std::max(uniform(), 1e-9);
+  return now_s + params_.relay_delay_s * std::max(0.0, 1.0 + std::log(u) / std::log(crowd));
 }
 
 template <class G>
@@ -168,12 +184,13 @@ std::optional<std::vector<ChainMark>> RepairProtocol<G>::digest_due(const FactSt
 }
 
 template <class G>
-void RepairProtocol<G>::request(const FactStore<G>& store, const SequenceId& sequence, std::vector<Payload<G>>& out) {
+void RepairProtocol<G>::request(const FactStore<G>& store, const SequenceId& sequence, bool anybody,
+                                std::vector<Payload<G>>& out) {
   const auto ranges = store.missing(sequence.first, sequence.second, params_.max_ranges);
   for (std::size_t at = 0; at < ranges.size(); at += ranges_per_request) {
     const auto first = ranges.begin() + static_cast<std::ptrdiff_t>(at);
     const auto count = static_cast<std::ptrdiff_t>(std::min(ranges_per_request, ranges.size() - at));
-    out.push_back(Request{sequence.first, sequence.second, {first, first + count}});
+    out.push_back(Request{sequence.first, sequence.second, {first, first + count}, anybody});
     ++counters_.requests_sent;
   }
 }
@@ -197,8 +214,9 @@ void RepairProtocol<G>::request_missing(const FactStore<G>& store, double now_s,
       wanted.lacking = lacking;
       wanted.lost = now_s >= wanted.progress_s + params_.lost_after_s && !heard_lately(id, now_s);
       if (now_s < wanted.next_s) continue;
-      request(store, {id, kind}, out);
+      request(store, {id, kind}, wanted.in_vain || !heard_lately(id, now_s), out);
       wanted.put_off = false;
+      wanted.in_vain = true;
       wanted.next_s = now_s + (wanted.lost ? lost_period_s : wanted.backoff_s) * (0.75 + 0.5 * uniform());
       wanted.backoff_s = std::min(2.0 * wanted.backoff_s, params_.backoff_max_s);
     }

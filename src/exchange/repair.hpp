@@ -23,7 +23,7 @@ struct RepairParams {
   double grace_s = 0.5;        ///< a gap younger than this may just be late
   double backoff_min_s = 0.5;  ///< between two requests for the same sequence; doubles up to the maximum
   double backoff_max_s = 8.0;
-  double relay_delay_s = 0.6;      ///< up to this long a relayer waits for the author or another to answer
+  double relay_delay_s = 0.6;      ///< up to this long one who is not the author waits for another to answer
   std::uint32_t max_ranges = 256;  ///< asked for at once, in requests of at most 64
   double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
   double resend_s = 0.3;           ///< a fact served within this time is on its way, and not served again
@@ -77,6 +77,7 @@ class RepairProtocol {
     double backoff_s = 0.0;
     std::uint32_t lacking = 0;  // progress on the gap resets the backoff
     double progress_s = 0.0;    // when there was some last
+    bool in_vain = false;       // asked since then
     bool put_off = false;       // since the last request of our own
     bool lost = false;
   };
@@ -93,11 +94,12 @@ class RepairProtocol {
   using FactId = std::pair<FactKind, Key>;
   double uniform();
   bool heard_lately(const ChainId& chain, double now_s) const;
+  double relay_at(double now_s);
   bool all_agree(const FactStore<G>& store, double now_s) const;
   std::vector<ChainMark> marks_to_tell(const FactStore<G>& store);
   void put_off(const FactStore<G>& store, const Request& request, double now_s);
   void request_missing(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
-  void request(const FactStore<G>& store, const SequenceId& sequence, std::vector<Payload<G>>& out);
+  void request(const FactStore<G>& store, const SequenceId& sequence, bool anybody, std::vector<Payload<G>>& out);
   void answer(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
   void forget_served(double now_s);
 

@@ -214,12 +214,15 @@ TEST(Convert, PoseWithRememberedLandmarksRoundTrip) {
 }
 
 TEST(Convert, RequestRoundTrip) {
-  const Request request{author, FactKind::association, {{1, 2}, {5, 900}}};
-  const auto message = round_trip<v1::RequestPubSubType>(request);
-  const auto& got = std::get<Request>(message.payload);
-  EXPECT_EQ(got.target, request.target);
-  EXPECT_EQ(got.kind, request.kind);
-  EXPECT_EQ(got.ranges, request.ranges);
+  for (int kind = 0; kind < fact_kind_count; ++kind) {
+    const Request request{author, static_cast<FactKind>(kind), {{1, 2}, {5, 900}}, kind % 2 == 0};
+    const auto message = round_trip<v1::RequestPubSubType>(request);
+    const auto& got = std::get<Request>(message.payload);
+    EXPECT_EQ(got.target, request.target);
+    EXPECT_EQ(got.kind, request.kind);
+    EXPECT_EQ(got.ranges, request.ranges);
+    EXPECT_EQ(got.anybody, request.anybody);
+  }
 }
 
 TEST(Convert, DigestRoundTripKeepsTheOrderOfMarks) {
@@ -371,7 +374,8 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   EXPECT_EQ(status_of(request, [](auto& s) { s.ranges().resize(65, s.ranges()[0]); }), WireStatus::too_many);
 
   v1::Digest digest;
-  ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 12.5, 5, 1, 2, 3, 4}, digest), WireStatus::ok);
+  ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 12.5, 5, 1, 2, 3, 4}, digest),
+            WireStatus::ok);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for its receiver to count";
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(4); }), WireStatus::wrong_dimension);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);

@@ -368,10 +368,46 @@ TEST(Repair, RelayersKeepQuietWhenTheAuthorAnswers) {
   run(peers, now_s, now_s + 30.0);
   EXPECT_TRUE(all_equal(peers));
   EXPECT_EQ(peers[0]->counters().facts_served, facts.size());
-  for (std::size_t i = 1; i < 4; ++i) {
-    EXPECT_EQ(peers[i]->counters().facts_relayed, 0U) << i;
-    EXPECT_EQ(peers[i]->counters().answers_suppressed, facts.size()) << i;
-  }
+  for (std::size_t i = 1; i < 4; ++i) EXPECT_EQ(peers[i]->counters().facts_relayed, 0U) << i;
+}
+
+TEST(Repair, TheAuthorIsAskedFirstAndAnybodyWhenThatWasInVain) {
+  RepairParams params;
+  params.backoff_max_s = params.backoff_min_s;
+  RepairProtocol<SE2> repair(chain_of(2), params, 1);
+  test::Store store;
+  Digest digest;
+  digest.marks = {{chain_of(1), FactKind::anchor, 5, 5, 0}};
+  std::vector<bool> anybody;
+  const auto ask = [&](double from_s, double until_s, bool author_is_heard) {
+    anybody.clear();
+    for (double now_s = from_s; now_s < until_s; now_s += 0.05) {
+      if (author_is_heard) repair.on_digest(store, chain_of(1), digest, now_s);
+      for (const auto& payload : repair.due(store, now_s)) anybody.push_back(std::get<Request>(payload).anybody);
+    }
+  };
+  ask(0.0, 2.5, true);
+  ASSERT_GE(anybody.size(), 3U);
+  EXPECT_FALSE(anybody[0]);
+  EXPECT_EQ(std::count(anybody.begin() + 1, anybody.end(), true), static_cast<std::ptrdiff_t>(anybody.size()) - 1);
+  store.insert(test::anchor(1, 0));  // it has answered
+  ask(2.5, 4.5, true);
+  ASSERT_GE(anybody.size(), 2U);
+  EXPECT_FALSE(anybody[0]);
+  store.insert(test::anchor(1, 1));
+  ask(100.0, 102.0, false);  // nothing was heard of it for long
+  ASSERT_GE(anybody.size(), 2U);
+  EXPECT_TRUE(anybody[0]);
+}
+
+TEST(Repair, OnlyTheAuthorAnswersWhatItIsAskedAlone) {
+  test::Store store;
+  for (std::uint32_t k = 0; k < 3; ++k) store.insert(test::anchor(1, k));
+  RepairProtocol<SE2> author(chain_of(1), {}, 1), other(chain_of(3), {}, 1);
+  const Request request{chain_of(1), FactKind::anchor, {{0, 3}}, false};
+  for (auto* repair : {&author, &other}) repair->on_request(store, chain_of(2), request, 1.0);
+  EXPECT_EQ(author.due(store, 1.0).size(), 3U);
+  EXPECT_TRUE(other.due(store, 10.0).empty());
 }
 
 TEST(Repair, OfSeveralRelayersFewAnswer) {
@@ -393,6 +429,30 @@ TEST(Repair, OfSeveralRelayersFewAnswer) {
   EXPECT_GE(relayed, facts.size());
   EXPECT_LT(relayed, 2 * facts.size());  // four could have answered each
   EXPECT_EQ(relayed + suppressed, 4 * facts.size());
+}
+
+TEST(Repair, OfFortyRelayersFewAnswerAndWholeBatches) {
+  InProcessNetwork<SE2> network;
+  RepairParams params;
+  params.answers_per_s = 1e6;
+  Peers peers;
+  for (VehicleId v = 1; v <= 40; ++v) peers.push_back(std::make_unique<Peer>(v, network, Impairment{}, params));
+  constexpr std::uint32_t batches = 100, landmarks = 10;
+  for (std::uint32_t k = 0; k < batches; ++k) peers[0]->publish(test::anchor(1, k));
+  for (std::uint32_t i = 0; i < batches * landmarks; ++i) {
+    auto landmark = test::landmark(1, i);
+    landmark.anchor = i / landmarks;
+    peers[0]->publish(landmark);
+  }
+  const double now_s = run(peers, 0.0, 1.0);
+  peers.erase(peers.begin());
+  peers.push_back(std::make_unique<Peer>(41, network, Impairment{}, params));
+  run(peers, now_s, now_s + 10.0);
+  EXPECT_TRUE(all_equal(peers));
+  std::uint64_t relayed = 0;
+  for (const auto& peer : peers) relayed += peer->counters().facts_relayed;
+  EXPECT_GE(relayed, batches * (landmarks + 1));
+  EXPECT_LT(relayed, 2 * batches * (landmarks + 1));  // 39 could have answered each
 }
 
 TEST(Repair, AnswersAreLimitedInRateAndNoneIsForgotten) {
