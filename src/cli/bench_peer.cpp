@@ -82,7 +82,7 @@ class BenchPeer {
       : self_{options.vehicle, 1},
         config_(config(options)),
         network_(options.impair.empty() ? nullptr : dds::impair(config_, Impairments::parse(options.impair))),
-        worker_([this] { return std::make_unique<dds::DdsExchange<SE2>>(config_); }, BudgetParams{}, WatchdogParams{}),
+        worker_([this] { return std::make_unique<dds::DdsExchange<SE2>>(config_); }, budget(options), WatchdogParams{}),
         exchange_(worker_, options.alone),
         manager_(self_, exchange_, params(options)) {
     manager_.open_chain(1e-6 * static_cast<double>(now_us()), std::nullopt);
@@ -113,6 +113,13 @@ class BenchPeer {
   static SubmapManagerParams params(const BenchPeerOptions& options) {
     SubmapManagerParams p;
     p.seed = options.vehicle;
+    return p;
+  }
+
+  // As low_bandwidth.xml advises: little at a time.
+  static BudgetParams budget(const BenchPeerOptions& options) {
+    BudgetParams p;
+    if (options.budget_bytes_per_s > 0.0) p = {options.budget_bytes_per_s, 0.25, 5};
     return p;
   }
 

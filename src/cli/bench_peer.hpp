@@ -14,6 +14,7 @@ struct BenchPeerOptions {
   std::string impair;                ///< see Impairments::parse; empty: none
   std::vector<std::string> servers;  ///< Discovery Servers, ADDRESS:PORT
   bool alone = false;                ///< without the repair protocol: what the middleware does by itself
+  double budget_bytes_per_s = 0.0;   ///< 0: no limit
 };
 
 /// Reads lines from standard input until they end; answers are JSON objects, one a line. Times are microseconds of the

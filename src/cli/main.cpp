@@ -197,6 +197,7 @@ int main(int argc, char** argv) {
   peer_command->add_option("--vehicle", peer.vehicle)->required();
   peer_command->add_option("--impair", peer.impair);
   peer_command->add_option("--server", peer.servers);
+  peer_command->add_option("--budget", peer.budget_bytes_per_s, "bytes per second");
   peer_command->add_flag("--alone", peer.alone, "no digests and no requests: the middleware alone");
   peer_command->callback([&] { status = cli::run_bench_peer(peer); });
 
