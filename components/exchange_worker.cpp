@@ -17,6 +17,8 @@ ExchangeCounters sum(ExchangeCounters a, const ExchangeCounters& b) {
   a.undecodable += b.undecodable;
   a.hostile += b.hostile;
   a.dropped += b.dropped;
+  a.incompatible_peers += b.incompatible_peers;
+  a.unauthorised += b.unauthorised;
   return a;
 }
 

@@ -266,6 +266,8 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["undecodable"] = s.exchange.undecodable;
   c["hostile"] = s.exchange.hostile;
   c["dropped"] = s.exchange.dropped;
+  c["incompatible_peers"] = s.exchange.incompatible_peers;
+  c["unauthorised"] = s.exchange.unauthorised;
   return c;
 }
 

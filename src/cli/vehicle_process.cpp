@@ -106,6 +106,13 @@ class Warnings {
     if (s.network.reopen_failed > 0 && !reopening_failed_)
       spdlog::error("the network cannot be opened anew: {}; it is tried again", s.network.last_error);
     reopening_failed_ = s.network.reopen_failed > 0;
+    if (s.exchange.incompatible_peers > 0 && !incompatible_)
+      spdlog::warn(
+          "somebody's quality of service does not match: not all it says is heard; use one profile for a fleet");
+    incompatible_ = s.exchange.incompatible_peers > 0;
+    if (s.exchange.unauthorised > 0 && !unauthorised_)
+      spdlog::warn("somebody without the credentials of this fleet speaks on its network, and is refused");
+    unauthorised_ = s.exchange.unauthorised > 0;
     if (s.peers.quarantines > quarantines_)
       spdlog::warn("a vehicle floods the network: nothing is taken from it for now");
     quarantines_ = s.peers.quarantines;
@@ -118,7 +125,7 @@ class Warnings {
   static constexpr double noticeable_s = 1.0;
   std::set<VehicleId> clocks_;
   std::uint64_t reopened_ = 0, quarantines_ = 0;
-  bool reopening_failed_ = false, journal_waits_ = false;
+  bool reopening_failed_ = false, journal_waits_ = false, incompatible_ = false, unauthorised_ = false;
 };
 
 }  // namespace

@@ -557,6 +557,10 @@ ExchangeCounters DdsExchange<G>::counters() const {
   counters.undecodable = impl_->inbox.undecodable;
   counters.hostile = impl_->inbox.hostile;
   counters.dropped = impl_->inbox.dropped + impl_->wire->dropped;
+  counters.incompatible_peers = impl_->inbox.incompatible;
+  const SecurityCounters refused = dds_counters().refused;
+  counters.unauthorised = refused.peers_unsecured + refused.peers_of_other_fleet + refused.peers_unproven +
+                          refused.impersonations + refused.unprotected;
   return counters;
 }
 
@@ -566,8 +570,8 @@ DdsCounters DdsExchange<G>::dds_counters() const {
   SecurityCounters refused;
   if (Admission* admission = impl_->entities.domain().admission) refused = admission->counters();
   refused.impersonations = impl_->inbox.impersonations;
-  return {wire.datagrams,         wire.rtps_bytes,           wire.header_bytes, wire.failed_sends,
-          impl_->refused_to_wire, impl_->inbox.incompatible, impl_->inbox.lost, refused};
+  return {wire.datagrams,    wire.rtps_bytes, wire.header_bytes, wire.failed_sends, impl_->refused_to_wire,
+          impl_->inbox.lost, refused};
 }
 
 template <class G>

@@ -68,7 +68,6 @@ struct DdsCounters {
   std::uint64_t header_bytes_sent = 0;   ///< of what carries them: 28 per UDP datagram, 66 over TCP, 0 in shared memory
   std::uint64_t failed_sends = 0;        ///< the socket did not take a message; reliable topics repeat it
   std::uint64_t refused_to_wire = 0;     ///< messages of one's own that the wire format cannot hold (see convert.hpp)
-  std::uint64_t incompatible_peers = 0;  ///< endpoints of the same topic whose quality of service does not match ours
   std::uint64_t samples_lost = 0;        ///< samples the middleware knows it has lost
   SecurityCounters refused;              ///< all 0 with DDS Security off
 };

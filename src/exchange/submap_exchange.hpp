@@ -24,9 +24,11 @@ struct ExchangeCounters {
   std::uint64_t messages_taken = 0;
   std::uint64_t bytes_sent = 0;  ///< on the wire where the network can tell, with every overhead; else 0
   std::uint64_t send_rejected = 0;
-  std::uint64_t undecodable = 0;  ///< samples that could not be decoded
-  std::uint64_t hostile = 0;      ///< decoded, but beyond the bounds of the wire format
-  std::uint64_t dropped = 0;      ///< lost on purpose by an impairment, or for want of room in the queue
+  std::uint64_t undecodable = 0;         ///< samples that could not be decoded
+  std::uint64_t hostile = 0;             ///< decoded, but beyond the bounds of the wire format
+  std::uint64_t dropped = 0;             ///< lost on purpose by an impairment, or for want of room in the queue
+  std::uint64_t incompatible_peers = 0;  ///< endpoints whose quality of service does not match ours: nothing passes
+  std::uint64_t unauthorised = 0;        ///< peers and messages that the rules of a secured fleet refuse
 };
 
 /// An implementation serves two threads, one that sends and one that takes.

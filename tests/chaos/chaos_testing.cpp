@@ -1,9 +1,16 @@
 #include "chaos_testing.hpp"
 
+#include <gtest/gtest.h>
+#include <net/if.h>
+#include <sched.h>
 #include <signal.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
 #include <unistd.h>
 
+#include <cstring>
 #include <fstream>
+#include <iostream>
 #include <sstream>
 #include <stdexcept>
 
@@ -18,6 +25,26 @@ std::vector<std::string> command(const Garage& garage, const std::vector<std::st
   words.insert(words.end(), options.begin(), options.end());
   return words;
 }
+
+bool raise_loopback() {
+  const int control = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  ifreq request{};
+  std::strcpy(request.ifr_name, "lo");
+  request.ifr_flags = IFF_UP;
+  const bool up = control >= 0 && ioctl(control, SIOCSIFFLAGS, &request) == 0;
+  if (control >= 0) close(control);
+  return up;
+}
+
+/// So that fleets of two checkouts, which have the same domains and vehicles, do not meet. Only root can have it.
+class NetworkOfItsOwn : public testing::Environment {
+ public:
+  void SetUp() override {
+    if (unshare(CLONE_NEWNET) != 0) std::cout << "On the network of the host: do not run this twice at a time.\n";
+    else ASSERT_TRUE(raise_loopback());
+  }
+};
+const testing::Environment* const network_of_its_own = testing::AddGlobalTestEnvironment(new NetworkOfItsOwn);
 
 }  // namespace
 

@@ -246,6 +246,17 @@ TEST(Loopback, BytesGrowByAtLeastThePayloadWhenSomebodyListens) {
   EXPECT_EQ(detail.header_bytes_sent, 28 * detail.datagrams_sent);
 }
 
+TEST(DdsExchange, WhoSpeaksByAnotherProfileIsCounted) {
+  DdsConfig thin = config_of_this_test();
+  thin.profile_file = profile_named("low_bandwidth.xml");
+  DdsExchange<SE2> reliable(config_of_this_test()), same(config_of_this_test());
+  ASSERT_TRUE(all_connected({&reliable, &same}));
+  EXPECT_EQ(reliable.counters().incompatible_peers, 0U);
+  DdsExchange<SE2> best_effort(thin);
+  EXPECT_TRUE(eventually([&] { return reliable.counters().incompatible_peers > 0; }));
+  EXPECT_TRUE(eventually([&] { return best_effort.counters().incompatible_peers > 0; }));
+}
+
 TEST(DdsExchange, AFullQueueDropsAndCounts) {
   DdsConfig small = config_of_this_test();
   small.max_queued_messages = 10;

@@ -401,6 +401,7 @@ TEST(Security, DatagramsForgedUnderAVehiclesNameDoNotGetThrough) {
       for (unsigned char number = 1; author != reader && number <= endpoints; ++number)
         outsider.forge(author, number, payload, port);
   ASSERT_TRUE(eventually([&] { return b.dds_counters().refused.unprotected >= endpoints; }));
+  EXPECT_GE(b.counters().unauthorised, endpoints);
 
   ASSERT_EQ(a.send({{1, 1}, pose_of(1, honest)}), SendStatus::sent);
   for (const auto& message : collect(b, 1)) {

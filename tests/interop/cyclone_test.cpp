@@ -345,7 +345,7 @@ TYPED_TEST(Cyclone, WhatItWritesIsTaken) {
   std::sort(taken.begin(), taken.end());
   EXPECT_EQ(taken, facts.lines());
   EXPECT_EQ(exchange.counters().undecodable + exchange.counters().hostile, 0U);
-  EXPECT_EQ(exchange.dds_counters().incompatible_peers, 0U);
+  EXPECT_EQ(exchange.counters().incompatible_peers, 0U);
 }
 
 /// A network namespace with a loopback device and a second, live interface; gone with the test.
