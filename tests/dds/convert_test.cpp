@@ -4,6 +4,7 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/global_map.hpp>
 #include <convoy/map/sparse_map.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <gtest/gtest.h>
 
@@ -38,7 +39,7 @@ LandmarkFact<SE2> any_landmark(std::uint32_t index, bool described) {
     fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
     for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
   }
-  return fact;
+  return rounded(fact);
 }
 
 /// Through the generated code and back, as a guarded type does it.
@@ -259,10 +260,14 @@ TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
     facts.push_back(any_landmark(i, i % 3 == 0));
     facts.back().anchor = i / 40;
   }
+  for (std::uint32_t i = 70; i < 200; ++i) {  // so small that their number is what cuts them
+    facts.push_back({{author, i}, 2});
+    facts.back().loading.setZero();
+  }
   std::uint32_t next = 0;
   for (const auto part : split(std::span<const LandmarkFact<SE2>>(facts))) {
     ASSERT_FALSE(part.empty());
-    EXPECT_LE(part.size(), 16U);
+    EXPECT_LE(part.size(), 64U);
     v1::Landmark sample;
     ASSERT_EQ(to_wire(sender, part, sample), WireStatus::ok);
     EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), max_landmark_sample_bytes);
@@ -271,7 +276,66 @@ TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
       EXPECT_EQ(fact.anchor, part.front().anchor);
     }
   }
-  EXPECT_EQ(next, 70U);
+  EXPECT_EQ(next, 200U);
+}
+
+LandmarkFact<SE2> with_loading(std::uint32_t index) {
+  LandmarkFact<SE2> fact = any_landmark(index, true);
+  fact.descriptor = {};
+  return fact;
+}
+
+TEST(Convert, TwentyLandmarksWithLoadingsMakeOneSample) {
+  std::vector<LandmarkFact<SE2>> facts;
+  for (std::uint32_t i = 0; i < 20; ++i) facts.push_back(with_loading(i));
+  const auto parts = split(std::span<const LandmarkFact<SE2>>(facts));
+  ASSERT_EQ(parts.size(), 1U);
+  v1::Landmark sample;
+  ASSERT_EQ(to_wire(sender, parts[0], sample), WireStatus::ok);
+  EXPECT_EQ(sample.loading().size(), 20U * 24U);
+  const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
+  EXPECT_LE(size, max_landmark_sample_bytes);
+  EXPECT_LE(size, 20U * 61U + 80U) << "index 4, kind 1, position 8, covariance 12, loading 36, and what all share";
+  for (auto& fact : facts) fact.loading.setZero();
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
+  EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), 20U * 25U + 80U);
+}
+
+// Whatever stands in its fields, a sample is not larger than split() has reckoned, nor much smaller.
+TEST(Convert, SamplesAreFull) {
+  for (int round = 0; round < 50; ++round) {
+    std::vector<LandmarkFact<SE2>> facts;
+    for (std::uint32_t i = 0; i < 60; ++i) {
+      facts.push_back(with_loading(i));
+      facts.back().kind = round % 2 == 0 ? 0 : 3;
+      facts.back().loading.rightCols(round % 12 + 1).setZero();
+    }
+    const auto parts = split(std::span<const LandmarkFact<SE2>>(facts));
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      v1::Landmark sample;
+      ASSERT_EQ(to_wire(sender, parts[k], sample), WireStatus::ok);
+      const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
+      EXPECT_LE(size, max_landmark_sample_bytes);
+      if (k + 1 < parts.size()) EXPECT_GE(size + 61U + 12U, max_landmark_sample_bytes);
+    }
+  }
+}
+
+// What needs no column is not sent, and comes back to the bit.
+TEST(Convert, OnlyColumnsThatAreNotZeroAreSent) {
+  for (Eigen::Index columns = 0; columns <= SE2::Shared; ++columns) {
+    std::vector<LandmarkFact<SE2>> facts{with_loading(0), with_loading(1), with_loading(2)};
+    for (auto& fact : facts) fact.loading.rightCols(SE2::Shared - columns).setZero();
+    facts[1].loading.setZero();
+    v1::Landmark sample;
+    ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
+    EXPECT_EQ(sample.loading_exponent().size(), static_cast<std::size_t>(3 * columns));
+    EXPECT_EQ(sample.loading().size(), static_cast<std::size_t>(6 * columns));
+    const auto message = round_trip<v1::LandmarkPubSubType>(std::span<const LandmarkFact<SE2>>(facts));
+    const auto& got = std::get<LandmarkBatch<SE2>>(message.payload).landmarks;
+    ASSERT_EQ(got.size(), facts.size());
+    for (std::size_t i = 0; i < facts.size(); ++i) EXPECT_EQ(hash_of(got[i]), hash_of(facts[i]));
+  }
 }
 
 // ---- refusals ---------------------------------------------------------------------------------------------------
@@ -305,19 +369,89 @@ TEST(Convert, RefusesBadAnchors) {
 }
 
 TEST(Convert, RefusesBadLandmarks) {
-  const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, true)};
+  const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, true), any_landmark(1, true)};
   v1::Landmark good;
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), good), WireStatus::ok);
   const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks().clear(); }), WireStatus::out_of_range);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks().resize(65, s.landmarks()[0]); }), WireStatus::too_many);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].descriptor().resize(31); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].position().resize(3); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].loading().resize(9); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].loading()[5] = NAN; }), WireStatus::not_finite);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].position()[0] = INFINITY; }), WireStatus::not_finite);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].descriptor_kind(static_cast<v1::DescriptorKind>(77)); }),
-            WireStatus::unknown_enum);
+  using L = v1::Landmark;
+  EXPECT_EQ(spoilt([](L&) {}), WireStatus::ok);
+  EXPECT_EQ(spoilt([](L& s) { s.index().clear(); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](L& s) { s.index().resize(65); }), WireStatus::too_many);
+  EXPECT_EQ(spoilt([](L& s) { s.index().push_back(2); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.kind().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind()[1] = 0; }), WireStatus::wrong_size) << "too many bytes now";
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.position().push_back(0.0F); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.covariance().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading_exponent().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading_exponent().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) {
+              s.loading_exponent().resize(26, 64);
+              s.loading().resize(52, 100);
+            }),
+            WireStatus::wrong_size)
+      << "thirteen columns";
+  EXPECT_EQ(spoilt([](L& s) { s.position()[0] = INFINITY; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](L& s) { s.covariance()[5] = NAN; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind()[0] = 77; }), WireStatus::unknown_enum);
+}
+
+TEST(Convert, RefusesLandmarksInAnotherFormThanTheirs) {
+  const std::vector<LandmarkFact<SE2>> facts{with_loading(0), with_loading(1)};
+  v1::Landmark good;
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), good), WireStatus::ok);
+  const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
+  using L = v1::Landmark;
+  const auto set_column = [](L& s, std::uint8_t exponent, std::uint8_t first, std::uint8_t second) {
+    s.loading_exponent()[3] = exponent;
+    s.loading()[6] = first;
+    s.loading()[7] = second;
+  };
+  const auto column = [&](std::uint8_t exponent, std::uint8_t first, std::uint8_t second) {
+    return spoilt([&](L& s) { set_column(s, exponent, first, second); });
+  };
+  EXPECT_EQ(column(64, 64, 3), WireStatus::ok);
+  EXPECT_EQ(column(64, 0x81, 3), WireStatus::ok) << "-127";
+  EXPECT_EQ(column(0, 63, 3), WireStatus::ok);
+  EXPECT_EQ(column(0, 0, 0), WireStatus::ok);
+  EXPECT_EQ(column(64, 63, 3), WireStatus::not_canonical);
+  EXPECT_EQ(column(64, 0x80, 3), WireStatus::not_canonical) << "-128";
+  EXPECT_EQ(column(64, 0, 0), WireStatus::not_canonical);
+  EXPECT_EQ(column(127, 127, 0), WireStatus::ok);
+  EXPECT_EQ(column(128, 127, 0), WireStatus::not_canonical);
+  EXPECT_EQ(spoilt([](L& s) { s.kind() = {0, 0}; }), WireStatus::not_canonical);
+  EXPECT_EQ(spoilt([](L& s) { s.kind().clear(); }), WireStatus::ok);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind() = {0, 0}; }), WireStatus::not_canonical);
+  EXPECT_EQ(spoilt([](L& s) {
+              s.loading_exponent().assign(2, 0);
+              s.loading().assign(4, 0);
+            }),
+            WireStatus::not_canonical)
+      << "a last column of zeros";
+}
+
+TEST(Convert, RefusesToSendWhatIsNotRounded) {
+  v1::Landmark sample;
+  const auto status = [&](auto spoil) {
+    LandmarkFact<SE2> fact = any_landmark(0, true);
+    spoil(fact);
+    return to_wire(sender, std::span<const LandmarkFact<SE2>>(&fact, 1), sample);
+  };
+  using L = LandmarkFact<SE2>;
+  EXPECT_EQ(status([](L&) {}), WireStatus::ok);
+  EXPECT_EQ(status([](L& l) { l.position[1] = 1.0 / 3.0; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.position[1] = 1e300; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.covariance(1, 1) = 1.0 / 3.0; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.covariance(0, 1) += 0.5; }), WireStatus::not_rounded) << "not symmetric";
+  EXPECT_EQ(status([](L& l) { l.loading(0, 7) = 1.0 / 3.0; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.loading(0, 7) = NAN; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.descriptor.kind = Descriptor::Kind::none; }), WireStatus::not_rounded)
+      << "bytes of no kind";
+  EXPECT_EQ(status([](L& l) { l.descriptor.bytes.fill(0); }), WireStatus::ok);
 }
 
 TEST(Convert, RefusesBadAbsoluteFixes) {
@@ -433,7 +567,7 @@ LandmarkFact<SE3> any_landmark_in_space(std::uint32_t index) {
   fact.loading = SE3::Loading::NullaryExpr([] { return any(); });
   fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
   for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
-  return fact;
+  return rounded(fact);
 }
 
 TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
@@ -509,7 +643,7 @@ TEST(ConvertInSpace, RefusesWhatIsOfThePlaneOrNoRotation) {
   const std::vector<LandmarkFact<SE3>> facts{any_landmark_in_space(0)};
   v1::Landmark landmark;
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE3>>(facts), landmark), WireStatus::ok);
-  landmark.landmarks()[0].loading().resize(8);  // that of the plane
+  landmark.position().pop_back();
   Message<SE3> message;
   EXPECT_EQ(from_wire(landmark, message), WireStatus::wrong_size);
 }
@@ -559,7 +693,7 @@ TEST(WireScan, SpoiltBytesAreDecodedOrRefusedNeverWorse) {
     ++seen[received.decoding];
     Message<SE2> message;
     if (received.decoding == Decoding::ok && from_wire(received.sample, message) == WireStatus::ok) {
-      ASSERT_EQ(std::get<LandmarkBatch<SE2>>(message.payload).landmarks.size(), received.sample.landmarks().size());
+      ASSERT_EQ(std::get<LandmarkBatch<SE2>>(message.payload).landmarks.size(), received.sample.index().size());
     }
   }
   EXPECT_GT(seen[Decoding::ok], 0);
