@@ -21,7 +21,7 @@ template <class G>
 class Rounding : public ::testing::Test {
  protected:
   using Landmark = LandmarkFact<G>;
-  using Covariance = typename G::PointCovariance;
+  using Block = typename G::PointCovariance;
   static constexpr int dim = G::Dim;
 
   double normal() { return std::normal_distribution<double>()(engine_); }
@@ -38,7 +38,7 @@ class Rounding : public ::testing::Test {
     for (std::uint32_t i = 0; i < n; ++i) {
       facts[i].key = {{1, 1}, i};
       facts[i].position = 40.0 * normal(dim, 1);
-      facts[i].covariance = symmetrised(Covariance(joint.block(dim * i, dim * i, dim, dim)));
+      facts[i].covariance = symmetrised(Block(joint.block(dim * i, dim * i, dim, dim)));
       facts[i].loading = loadings[i];
     }
     return facts;
