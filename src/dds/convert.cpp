@@ -235,8 +235,8 @@ WireStatus read_landmark(const v1::Landmark& sample, const Extent<G>& extent, st
   fact.anchor = sample.anchor();
   if (!sample.kind().empty()) fact.kind = sample.kind()[i];
   if (!sample.descriptor_kind().empty()) {
-    const WireStatus status =
-        convert_enum(sample.descriptor_kind()[i], v1::DESCRIPTOR_PATCH_8X8_4BIT, fact.descriptor.kind);
+    const auto kind = static_cast<v1::DescriptorKind>(sample.descriptor_kind()[i]);
+    const WireStatus status = convert_enum(kind, v1::DESCRIPTOR_PATCH_8X8_4BIT, fact.descriptor.kind);
     if (status != WireStatus::ok) return status;
   }
   const auto copy = [](const auto& from, std::size_t first, std::size_t count, auto to) {

@@ -261,8 +261,8 @@ TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
     facts.back().anchor = i / 40;
   }
   for (std::uint32_t i = 70; i < 200; ++i) {  // so small that their number is what cuts them
-    facts.push_back({{author, i}, 2});
-    facts.back().loading.setZero();
+    facts.push_back(any_landmark(i, false));
+    facts.back().anchor = 2;
   }
   std::uint32_t next = 0;
   for (const auto part : split(std::span<const LandmarkFact<SE2>>(facts))) {
@@ -316,7 +316,9 @@ TEST(Convert, SamplesAreFull) {
       ASSERT_EQ(to_wire(sender, parts[k], sample), WireStatus::ok);
       const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
       EXPECT_LE(size, max_landmark_sample_bytes);
-      if (k + 1 < parts.size()) EXPECT_GE(size + 61U + 12U, max_landmark_sample_bytes);
+      if (k + 1 < parts.size()) {
+        EXPECT_GE(size + 61U + 12U, max_landmark_sample_bytes);
+      }
     }
   }
 }
