@@ -171,45 +171,76 @@ static_assert(descriptor_bytes * bounds::landmarks == bounds::descriptors);
 
 bool is_none(const Descriptor& descriptor) { return descriptor.kind == Descriptor::Kind::none; }
 
+/// Bytes of the loading of one landmark of which so many columns are sent.
+template <class G>
+constexpr std::size_t loading_bytes(std::size_t columns) {
+  return columns == 0 ? 0 : 1 + (columns + 1) / 2 + columns * G::Dim;
+}
+static_assert(loading_bytes<SE2>(SE2::Shared) * bounds::landmarks <= bounds::loadings);
+static_assert(loading_bytes<SE3>(SE3::Shared) * bounds::landmarks <= bounds::loadings);
+
 /// What decides how long the sequences of a sample are.
 template <class G>
 struct Extent {
-  std::size_t landmarks = 0, descriptors = 0, columns = 0;
+  static constexpr std::size_t dim = G::Dim, packed = dim * (dim + 1) / 2;
+  std::size_t landmarks = 0, described = 0, columns = 0;
   bool kinds = false;
 
   void add(const LandmarkFact<G>& fact) {
     ++landmarks;
-    descriptors += !is_none(fact.descriptor);
+    described += !is_none(fact.descriptor);
     kinds = kinds || fact.kind != 0;
     columns = std::max(columns, columns_of<G>(fact.loading));
   }
-  /// An upper bound of the size of the sample, alignment included.
+  /// The size of the sample, serialised.
   std::size_t bytes() const {
-    constexpr std::size_t header = 36, lengths = 8 * 4, padding = 3 * 3;
-    constexpr std::size_t reals = 4 * static_cast<std::size_t>(G::Dim + G::Dim * (G::Dim + 1) / 2);
-    const std::size_t each = 4 + kinds + (descriptors > 0) + reals + columns * (1 + G::Dim);
-    return header + lengths + padding + landmarks * each + descriptors * descriptor_bytes;
+    constexpr std::size_t header = 40, lengths = 7 * 4;
+    const std::size_t octets = (landmarks + 3) / 4 * 4;  // as the next length is aligned
+    return header + lengths + 4 * landmarks * (1 + dim + packed) + (kinds ? octets : 0) + (described > 0 ? octets : 0) +
+           described * descriptor_bytes + landmarks * loading_bytes<G>(columns);
   }
 };
 
 template <class G>
+void append_loading(const BlockLoading<G>& block, std::size_t columns, std::vector<std::uint8_t>& out) {
+  if (columns == 0) return;
+  out.push_back(block.exponent);
+  for (std::size_t k = 0; k < columns; k += 2) {
+    const unsigned second = k + 1 < columns ? block.shift[k + 1] : 0U;
+    out.push_back(static_cast<std::uint8_t>(block.shift[k] | second << 4U));
+  }
+  for (std::size_t i = 0; i < columns * block.rows; ++i) out.push_back(static_cast<std::uint8_t>(block.mantissa[i]));
+}
+
+/// `in`: loading_bytes() of them.
+template <class G>
+BlockLoading<G> block_from(const std::uint8_t* in, std::size_t columns) {
+  BlockLoading<G> block;
+  if (columns == 0) return block;
+  block.exponent = *in++;
+  for (std::size_t k = 0; k < columns; k += 2) {
+    block.shift[k] = *in & 15U;
+    if (k + 1 < columns) block.shift[k + 1] = static_cast<std::uint8_t>(*in >> 4U);
+    ++in;
+  }
+  for (std::size_t i = 0; i < columns * block.rows; ++i) block.mantissa[i] = static_cast<std::int8_t>(in[i]);
+  return block;
+}
+
+template <class G>
 void append_landmark(const LandmarkFact<G>& fact, const Extent<G>& extent, v1::Landmark& sample) {
-  const auto append = [](auto& sequence, const auto& from, std::size_t count) {
-    sequence.insert(sequence.end(), from.begin(), from.begin() + static_cast<std::ptrdiff_t>(count));
-  };
   sample.index().push_back(fact.key.index);
   if (extent.kinds) sample.kind().push_back(fact.kind);
-  if (extent.descriptors > 0) sample.descriptor_kind().push_back(static_cast<std::uint8_t>(fact.descriptor.kind));
-  if (!is_none(fact.descriptor)) append(sample.descriptor(), fact.descriptor.bytes, descriptor_bytes);
+  if (extent.described > 0) sample.descriptor_kind().push_back(static_cast<std::uint8_t>(fact.descriptor.kind));
+  const auto& bytes = fact.descriptor.bytes;
+  if (!is_none(fact.descriptor)) sample.descriptor().insert(sample.descriptor().end(), bytes.begin(), bytes.end());
   for (Eigen::Index r = 0; r < G::Dim; ++r) sample.position().push_back(static_cast<float>(fact.position[r]));
   for (Eigen::Index r = 0; r < G::Dim; ++r)
     for (Eigen::Index c = r; c < G::Dim; ++c) sample.covariance().push_back(static_cast<float>(fact.covariance(r, c)));
-  const BlockLoading<G> block = *block_loading<G>(fact.loading);
-  append(sample.loading_exponent(), block.exponent, extent.columns);
-  append(sample.loading(), block.mantissa, extent.columns * block.rows);
+  append_loading(*block_loading<G>(fact.loading), extent.columns, sample.loading());
 }
 
-/// How many landmarks and columns a sample says it has, if all sequences agree on it.
+/// What a sample says of itself, if all of its sequences agree on it.
 template <class G>
 WireStatus extent_of(const v1::Landmark& sample, Extent<G>& extent) {
   const std::size_t n = extent.landmarks = sample.index().size();
@@ -217,17 +248,16 @@ WireStatus extent_of(const v1::Landmark& sample, Extent<G>& extent) {
   if (n > bounds::landmarks) return WireStatus::too_many;
   const auto n_or_none = [n](std::size_t size) { return size == 0 || size == n; };
   const auto& kinds = sample.descriptor_kind();
-  extent.descriptors = kinds.size() - static_cast<std::size_t>(std::count(kinds.begin(), kinds.end(), 0));
-  extent.columns = sample.loading_exponent().size() / n;
-  const std::size_t dim = G::Dim;
-  const bool agree =
-      n_or_none(sample.kind().size()) && n_or_none(kinds.size()) &&
-      sample.descriptor().size() == extent.descriptors * descriptor_bytes && sample.position().size() == n * dim &&
-      sample.covariance().size() == n * dim * (dim + 1) / 2 && extent.columns <= static_cast<std::size_t>(G::Shared) &&
-      sample.loading_exponent().size() == n * extent.columns && sample.loading().size() == n * extent.columns * dim;
+  extent.described = kinds.size() - static_cast<std::size_t>(std::count(kinds.begin(), kinds.end(), 0));
+  while (extent.columns < G::Shared && n * loading_bytes<G>(extent.columns) < sample.loading().size()) ++extent.columns;
+  const bool agree = n_or_none(sample.kind().size()) && n_or_none(kinds.size()) &&
+                     sample.descriptor().size() == extent.described * descriptor_bytes &&
+                     sample.position().size() == n * extent.dim && sample.covariance().size() == n * extent.packed &&
+                     sample.loading().size() == n * loading_bytes<G>(extent.columns);
   return agree ? WireStatus::ok : WireStatus::wrong_size;
 }
 
+/// Number `i` of a sample whose sequences agree. `described`: how many before it have a descriptor; counted on.
 template <class G>
 WireStatus read_landmark(const v1::Landmark& sample, const Extent<G>& extent, std::size_t i, std::size_t& described,
                          LandmarkFact<G>& fact) {
@@ -239,21 +269,15 @@ WireStatus read_landmark(const v1::Landmark& sample, const Extent<G>& extent, st
     const WireStatus status = convert_enum(kind, v1::DESCRIPTOR_PATCH_8X8_4BIT, fact.descriptor.kind);
     if (status != WireStatus::ok) return status;
   }
-  const auto copy = [](const auto& from, std::size_t first, std::size_t count, auto to) {
-    std::copy_n(from.begin() + static_cast<std::ptrdiff_t>(first), count, to);
-  };
   if (!is_none(fact.descriptor))
-    copy(sample.descriptor(), descriptor_bytes * described++, descriptor_bytes, fact.descriptor.bytes.begin());
-  constexpr std::size_t dim = G::Dim, packed = dim * (dim + 1) / 2;
-  copy(sample.position(), dim * i, dim, fact.position.data());
-  std::vector<double> covariance(packed);
-  copy(sample.covariance(), packed * i, packed, covariance.begin());
-  BlockLoading<G> block;
-  copy(sample.loading_exponent(), extent.columns * i, extent.columns, block.exponent.begin());
-  copy(sample.loading(), extent.columns * dim * i, extent.columns * dim, block.mantissa.begin());
-  fact.loading = loading_of(block);
+    std::copy_n(sample.descriptor().data() + descriptor_bytes * described++, descriptor_bytes,
+                fact.descriptor.bytes.begin());
+  std::copy_n(sample.position().data() + extent.dim * i, extent.dim, fact.position.data());
+  const float* covariance = sample.covariance().data() + extent.packed * i;
+  fact.loading =
+      loading_of(block_from<G>(sample.loading().data() + loading_bytes<G>(extent.columns) * i, extent.columns));
   return first_refusal(fact.position.allFinite() ? WireStatus::ok : WireStatus::not_finite,
-                       unpack(covariance, fact.covariance));
+                       unpack(std::vector<double>(covariance, covariance + extent.packed), fact.covariance));
 }
 
 }  // namespace

@@ -79,7 +79,7 @@ template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Digest& sample, Message<G>& message);
 
 /// Serialised size of a Landmark sample stays below this, so that it fits one Ethernet frame with all headers.
-inline constexpr std::size_t max_landmark_sample_bytes = 1300;
+inline constexpr std::size_t max_landmark_sample_bytes = 1200;
 
 /// Cuts a batch, in order, into parts that each make one Landmark sample: one chain, one anchor, at most 64 landmarks
 /// and max_landmark_sample_bytes.

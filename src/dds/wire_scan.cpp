@@ -107,7 +107,6 @@ void scan(WireScan& wire, const v1::Landmark*) {
   wire.sequence(1, bounds::descriptors);
   wire.sequence(4, bounds::points);
   wire.sequence(4, bounds::point_covariances);
-  wire.sequence(1, bounds::loading_exponents);
   wire.sequence(1, bounds::loadings);
 }
 

@@ -18,7 +18,8 @@ template <class G>
 std::size_t size_of(const LandmarkFact<G>& landmark) {
   constexpr std::size_t dim = G::Dim, reals = dim + dim * (dim + 1) / 2;
   const bool described = landmark.descriptor.kind != Descriptor::Kind::none;
-  return 4 + 4 * reals + (1 + dim) * columns_of<G>(landmark.loading) + (landmark.kind != 0) +
+  const std::size_t columns = columns_of<G>(landmark.loading);
+  return 4 + 4 * reals + (columns > 0) + (columns + 1) / 2 + dim * columns + (landmark.kind != 0) +
          (described ? 1 + landmark.descriptor.bytes.size() : 0);
 }
 

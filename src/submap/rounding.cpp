@@ -9,7 +9,7 @@
 namespace convoy {
 namespace {
 
-constexpr int exponent_bias = 64, max_exponent = 127, max_mantissa = 127;
+constexpr int exponent_bias = 64, max_exponent = 127, max_shift = 15, max_mantissa = 127;
 
 template <class Matrix>
 bool fits_single(const Matrix& m) {
@@ -57,11 +57,13 @@ bool is_sound(const Descriptor& descriptor) {
 template <class G>
 std::optional<BlockLoading<G>> block_loading(const typename G::Loading& loading) {
   if (!loading.allFinite()) return std::nullopt;
+  const int largest = exponent_of(loading.cwiseAbs().maxCoeff());
+  if (largest > max_exponent) return std::nullopt;
   BlockLoading<G> block;
+  block.exponent = static_cast<std::uint8_t>(largest);
   for (Eigen::Index k = 0; k < loading.cols(); ++k) {
-    const int exponent = exponent_of(loading.col(k).cwiseAbs().maxCoeff());
-    if (exponent > max_exponent) return std::nullopt;
-    block.exponent[static_cast<std::size_t>(k)] = static_cast<std::uint8_t>(exponent);
+    const int exponent = std::max(largest - max_shift, exponent_of(loading.col(k).cwiseAbs().maxCoeff()));
+    block.shift[static_cast<std::size_t>(k)] = static_cast<std::uint8_t>(largest - exponent);
     for (Eigen::Index r = 0; r < loading.rows(); ++r)
       block.mantissa[static_cast<std::size_t>(loading.rows() * k + r)] =
           static_cast<std::int8_t>(std::lround(std::ldexp(loading(r, k), exponent_bias - exponent)));
@@ -74,8 +76,8 @@ typename G::Loading loading_of(const BlockLoading<G>& block) {
   typename G::Loading loading;
   for (std::size_t k = 0; k < block.columns; ++k)
     for (std::size_t r = 0; r < block.rows; ++r)
-      loading(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(k)) =
-          std::ldexp(static_cast<double>(block.mantissa[block.rows * k + r]), block.exponent[k] - exponent_bias);
+      loading(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(k)) = std::ldexp(
+          static_cast<double>(block.mantissa[block.rows * k + r]), block.exponent - block.shift[k] - exponent_bias);
   return loading;
 }
 

@@ -10,20 +10,23 @@
 
 namespace convoy {
 
-/// A loading in block floating point: each column has an exponent, each entry eight bits. Entry (r, k) is
-/// mantissa[Dim k + r] * 2^(exponent[k] - 64). There is one form of each loading: mantissas lie in -127..127, exponents
-/// in 0..127, and a column has a mantissa of 64 or more (or -64 or less) unless its exponent is 0.
+/// A loading in block floating point: it has an exponent, each column how far it is below that, each entry eight bits.
+/// Entry (r, k) is mantissa[Dim k + r] * 2^(exponent - shift[k] - 64). There is one form of each loading: the exponent
+/// lies in 0..127, mantissas in -127..127, shifts in 0..15 and not above the exponent; each column has a mantissa of 64
+/// or more (or -64 or less), or the largest possible shift; a column with such a mantissa and no shift exists unless
+/// the exponent is 0.
 template <class G>
 struct BlockLoading {
   static constexpr std::size_t columns = static_cast<std::size_t>(G::Shared);
   static constexpr std::size_t rows = static_cast<std::size_t>(G::Dim);
-  std::array<std::uint8_t, columns> exponent{};
+  std::uint8_t exponent = 0;
+  std::array<std::uint8_t, columns> shift{};
   std::array<std::int8_t, columns * rows> mantissa{};
   bool operator==(const BlockLoading&) const = default;
 };
 
-/// The nearest one: off by at most 1/127 of the largest entry of the column, or by 2^-65 m. Nothing if an entry is not
-/// finite or beyond 1e21 m.
+/// The nearest one: off by at most 1/127 of the largest entry of the column, 1/4000000 of the largest of all, or 2^-65
+/// m, whichever is most. Nothing if an entry is not finite or beyond 1e21 m.
 template <class G>
 std::optional<BlockLoading<G>> block_loading(const typename G::Loading& loading);
 template <class G>

@@ -292,13 +292,13 @@ TEST(Convert, TwentyLandmarksWithLoadingsMakeOneSample) {
   ASSERT_EQ(parts.size(), 1U);
   v1::Landmark sample;
   ASSERT_EQ(to_wire(sender, parts[0], sample), WireStatus::ok);
-  EXPECT_EQ(sample.loading().size(), 20U * 24U);
+  EXPECT_EQ(sample.loading().size(), 20U * 31U);
   const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
   EXPECT_LE(size, max_landmark_sample_bytes);
-  EXPECT_LE(size, 20U * 61U + 80U) << "index 4, kind 1, position 8, covariance 12, loading 36, and what all share";
+  EXPECT_LE(size, 20U * 56U + 64U) << "index 4, kind 1, position 8, covariance 12, loading 31, and what all share";
   for (auto& fact : facts) fact.loading.setZero();
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
-  EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), 20U * 25U + 80U);
+  EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), 20U * 25U + 64U);
 }
 
 // Whatever stands in its fields, a sample is not larger than split() has reckoned, nor much smaller.
@@ -317,7 +317,7 @@ TEST(Convert, SamplesAreFull) {
       const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
       EXPECT_LE(size, max_landmark_sample_bytes);
       if (k + 1 < parts.size()) {
-        EXPECT_GE(size + 61U + 12U, max_landmark_sample_bytes);
+        EXPECT_GT(size + 56U + 8U, max_landmark_sample_bytes);
       }
     }
   }
@@ -331,8 +331,8 @@ TEST(Convert, OnlyColumnsThatAreNotZeroAreSent) {
     facts[1].loading.setZero();
     v1::Landmark sample;
     ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
-    EXPECT_EQ(sample.loading_exponent().size(), static_cast<std::size_t>(3 * columns));
-    EXPECT_EQ(sample.loading().size(), static_cast<std::size_t>(6 * columns));
+    const auto each = static_cast<std::size_t>(columns == 0 ? 0 : 1 + (columns + 1) / 2 + 2 * columns);
+    EXPECT_EQ(sample.loading().size(), 3 * each);
     const auto message = round_trip<v1::LandmarkPubSubType>(std::span<const LandmarkFact<SE2>>(facts));
     const auto& got = std::get<LandmarkBatch<SE2>>(message.payload).landmarks;
     ASSERT_EQ(got.size(), facts.size());
@@ -388,15 +388,10 @@ TEST(Convert, RefusesBadLandmarks) {
   EXPECT_EQ(spoilt([](L& s) { s.position().push_back(0.0F); }), WireStatus::wrong_size);
   EXPECT_EQ(spoilt([](L& s) { s.covariance().pop_back(); }), WireStatus::wrong_size);
   EXPECT_EQ(spoilt([](L& s) { s.loading().pop_back(); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](L& s) { s.loading().clear(); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](L& s) { s.loading_exponent().pop_back(); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](L& s) { s.loading_exponent().clear(); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](L& s) {
-              s.loading_exponent().resize(26, 64);
-              s.loading().resize(52, 100);
-            }),
-            WireStatus::wrong_size)
+  EXPECT_EQ(spoilt([](L& s) { s.loading().push_back(1); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().resize(2 * (1 + 7 + 26), 100); }), WireStatus::wrong_size)
       << "thirteen columns";
+  EXPECT_EQ(spoilt([](L& s) { s.loading().resize(100000); }), WireStatus::wrong_size);
   EXPECT_EQ(spoilt([](L& s) { s.position()[0] = INFINITY; }), WireStatus::not_finite);
   EXPECT_EQ(spoilt([](L& s) { s.covariance()[5] = NAN; }), WireStatus::not_finite);
   EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind()[0] = 77; }), WireStatus::unknown_enum);
@@ -408,31 +403,42 @@ TEST(Convert, RefusesLandmarksInAnotherFormThanTheirs) {
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), good), WireStatus::ok);
   const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
   using L = v1::Landmark;
-  const auto set_column = [](L& s, std::uint8_t exponent, std::uint8_t first, std::uint8_t second) {
-    s.loading_exponent()[3] = exponent;
-    s.loading()[6] = first;
-    s.loading()[7] = second;
+  // Of the first landmark, which has a loading of its own choosing: an exponent, and columns 0 and 1.
+  struct Column {
+    std::uint8_t shift, first, second;
   };
-  const auto column = [&](std::uint8_t exponent, std::uint8_t first, std::uint8_t second) {
-    return spoilt([&](L& s) { set_column(s, exponent, first, second); });
+  const auto loading = [&](std::uint8_t exponent, Column zero, Column one) {
+    return spoilt([&](L& s) {
+      std::fill_n(s.loading().begin(), 31, 0);
+      s.loading()[0] = exponent;
+      const auto rest = static_cast<std::uint8_t>(std::min<int>(15, exponent));  // of columns of zeros
+      std::fill_n(s.loading().begin() + 1, 6, static_cast<std::uint8_t>(rest | rest << 4U));
+      s.loading()[1] = static_cast<std::uint8_t>(zero.shift | one.shift << 4U);
+      s.loading()[7] = zero.first;
+      s.loading()[8] = zero.second;
+      s.loading()[9] = one.first;
+      s.loading()[10] = one.second;
+    });
   };
-  EXPECT_EQ(column(64, 64, 3), WireStatus::ok);
-  EXPECT_EQ(column(64, 0x81, 3), WireStatus::ok) << "-127";
-  EXPECT_EQ(column(0, 63, 3), WireStatus::ok);
-  EXPECT_EQ(column(0, 0, 0), WireStatus::ok);
-  EXPECT_EQ(column(64, 63, 3), WireStatus::not_canonical);
-  EXPECT_EQ(column(64, 0x80, 3), WireStatus::not_canonical) << "-128";
-  EXPECT_EQ(column(64, 0, 0), WireStatus::not_canonical);
-  EXPECT_EQ(column(127, 127, 0), WireStatus::ok);
-  EXPECT_EQ(column(128, 127, 0), WireStatus::not_canonical);
+  EXPECT_EQ(loading(64, {0, 64, 3}, {7, 3, 100}), WireStatus::ok);
+  EXPECT_EQ(loading(64, {7, 64, 3}, {0, 3, 100}), WireStatus::ok);
+  EXPECT_EQ(loading(64, {0, 0x81, 3}, {15, 3, 2}), WireStatus::ok) << "-127, and a small column";
+  EXPECT_EQ(loading(3, {0, 64, 3}, {3, 3, 2}), WireStatus::ok);
+  EXPECT_EQ(loading(0, {0, 63, 3}, {0, 0, 1}), WireStatus::ok);
+  EXPECT_EQ(loading(0, {0, 0, 0}, {0, 0, 0}), WireStatus::ok);
+  EXPECT_EQ(loading(127, {0, 127, 0}, {0, 127, 127}), WireStatus::ok);
+  EXPECT_EQ(loading(64, {0, 64, 3}, {14, 3, 2}), WireStatus::not_canonical);
+  EXPECT_EQ(loading(64, {0, 63, 3}, {0, 62, 3}), WireStatus::not_canonical);
+  EXPECT_EQ(loading(64, {1, 64, 3}, {7, 3, 100}), WireStatus::not_canonical) << "no column without a shift";
+  EXPECT_EQ(loading(64, {0, 0x80, 3}, {7, 3, 100}), WireStatus::not_canonical) << "-128";
+  EXPECT_EQ(loading(64, {0, 64, 3}, {14, 0, 0}), WireStatus::not_canonical) << "a column of zeros";
+  EXPECT_EQ(loading(64, {15, 0, 0}, {15, 0, 0}), WireStatus::not_canonical) << "a loading of zeros";
+  EXPECT_EQ(loading(3, {0, 64, 3}, {4, 3, 2}), WireStatus::not_canonical);
+  EXPECT_EQ(loading(128, {0, 127, 0}, {0, 127, 0}), WireStatus::not_canonical);
   EXPECT_EQ(spoilt([](L& s) { s.kind() = {0, 0}; }), WireStatus::not_canonical);
   EXPECT_EQ(spoilt([](L& s) { s.kind().clear(); }), WireStatus::ok);
   EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind() = {0, 0}; }), WireStatus::not_canonical);
-  EXPECT_EQ(spoilt([](L& s) {
-              s.loading_exponent().assign(2, 0);
-              s.loading().assign(4, 0);
-            }),
-            WireStatus::not_canonical)
+  EXPECT_EQ(spoilt([](L& s) { s.loading().assign(2 * 4, 0); }), WireStatus::not_canonical)
       << "a last column of zeros";
 }
 

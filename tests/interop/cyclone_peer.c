@@ -89,7 +89,6 @@ static void print_landmark(const void* sample) {
   SEQUENCE(whole, l->descriptor);
   SEQUENCE(short_real, l->position);
   SEQUENCE(short_real, l->covariance);
-  SEQUENCE(whole, l->loading_exponent);
   SEQUENCE(whole, l->loading);
   printf("\n");
 }

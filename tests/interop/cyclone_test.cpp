@@ -75,7 +75,7 @@ std::string line_of(const v1::Landmark& l) {
   Line line("Landmark");
   line << l.sender() << l.vehicle() << l.epoch() << l.anchor() << l.dimension();
   line << l.index() << l.kind() << l.descriptor_kind() << l.descriptor();
-  line << l.position() << l.covariance() << l.loading_exponent() << l.loading();
+  line << l.position() << l.covariance() << l.loading();
   return line.text();
 }
 
