@@ -5,6 +5,7 @@
 #include <convoy/map/ekf_map.hpp>
 #include <convoy/map/live_pose.hpp>
 #include <convoy/map/sparse_map.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -127,10 +128,11 @@ std::vector<std::optional<std::uint32_t>> SubmapManager<G>::publish_segment(cons
   }
   LandmarkBatch<G> fit;
   for (std::size_t i = 0; i < batch.size(); ++i) {
-    LandmarkFact<G>& landmark = batch[i];
-    landmark.key = {self_, next_landmark};
-    landmark.anchor = next_anchor;
-    if (store_.check(landmark) != Insertion::inserted) {
+    batch[i].key = {self_, next_landmark};
+    batch[i].anchor = next_anchor;
+    const LandmarkFact<G> landmark = rounded(batch[i]);
+    if (store_.check(batch[i]) != Insertion::inserted || !is_rounded(landmark) ||
+        store_.check(landmark) != Insertion::inserted) {
       ++counters_.facts_unfit;
       continue;
     }

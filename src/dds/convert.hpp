@@ -20,6 +20,8 @@ enum class WireStatus : std::uint8_t {
   not_finite,       ///< a NaN or an infinity
   out_of_range,     ///< an angle beyond pi, a quaternion not of length one, a vehicle 0, an empty range or batch
   not_symmetric,    ///< to the wire: a covariance whose packed form would not give the same matrix back
+  not_rounded,      ///< to the wire: a landmark that would not come back as it is, see rounded()
+  not_canonical,    ///< landmarks in another form than the one that they have
 };
 const char* to_string(WireStatus status);
 
@@ -27,7 +29,7 @@ const char* to_string(WireStatus status);
 /// hash covers all of it. `sender` is who puts the sample on the wire.
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const AnchorFact<G>& fact, v1::Bias& sample);
-/// All of one chain and one anchor, not empty, at most 64.
+/// All of one chain and one anchor, rounded, not empty, at most 64.
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, std::span<const LandmarkFact<G>> batch, v1::Landmark& sample);
 template <class G>
@@ -79,7 +81,7 @@ template <class G>
 /// Serialised size of a Landmark sample stays below this, so that it fits one Ethernet frame with all headers.
 inline constexpr std::size_t max_landmark_sample_bytes = 1200;
 
-/// Cuts a batch, in order, into parts that each make one Landmark sample: one chain, one anchor, at most 16 landmarks
+/// Cuts a batch, in order, into parts that each make one Landmark sample: one chain, one anchor, at most 64 landmarks
 /// and max_landmark_sample_bytes.
 template <class G>
 std::vector<std::span<const LandmarkFact<G>>> split(std::span<const LandmarkFact<G>> batch);

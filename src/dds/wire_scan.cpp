@@ -101,15 +101,13 @@ void scan(WireScan& wire, const v1::Landmark*) {
   scan_author(wire);
   wire.skip(4);
   wire.skip(1);
-  for (std::uint32_t n = wire.length(bounds::landmarks); n > 0 && wire.ok(); --n) {
-    wire.skip(4);
-    wire.skip(1);
-    wire.skip(4);
-    wire.sequence(1, bounds::descriptor);
-    wire.sequence(8, bounds::point);
-    wire.sequence(8, bounds::point_covariance);
-    wire.sequence(8, bounds::loading);
-  }
+  wire.sequence(4, bounds::landmarks);
+  wire.sequence(1, bounds::landmarks);
+  wire.sequence(1, bounds::landmarks);
+  wire.sequence(1, bounds::descriptors);
+  wire.sequence(4, bounds::points);
+  wire.sequence(4, bounds::point_covariances);
+  wire.sequence(1, bounds::loadings);
 }
 
 void scan(WireScan& wire, const v1::Prior*) {

@@ -1,6 +1,7 @@
 #include <convoy/exchange/in_process.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/submap/fact_codec.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <algorithm>
 #include <mutex>
@@ -12,6 +13,16 @@ namespace {
 constexpr std::size_t bytes_per_message = 128;  // headers
 constexpr std::size_t bytes_per_pose = 256, bytes_per_mark = 32, bytes_per_range = 8;
 
+/// About what a rounded landmark takes on a wire: its index, position and covariance, the columns of its loading.
+template <class G>
+std::size_t size_of(const LandmarkFact<G>& landmark) {
+  constexpr std::size_t dim = G::Dim, reals = dim + dim * (dim + 1) / 2;
+  const bool described = landmark.descriptor.kind != Descriptor::Kind::none;
+  const std::size_t columns = columns_of<G>(landmark.loading);
+  return 4 + 4 * reals + (columns > 0) + (columns + 1) / 2 + dim * columns + (landmark.kind != 0) +
+         (described ? 1 + landmark.descriptor.bytes.size() : 0);
+}
+
 /// About what it takes on a wire.
 template <class G>
 std::size_t size_of(const Payload<G>& payload) {
@@ -21,7 +32,7 @@ std::size_t size_of(const Payload<G>& payload) {
       [&](const auto& p) {
         using P = std::decay_t<decltype(p)>;
         if constexpr (std::is_same_v<P, LandmarkBatch<G>>) {
-          for (const LandmarkFact<G>& landmark : p.landmarks) encode<G>(landmark, bytes);
+          for (const LandmarkFact<G>& landmark : p.landmarks) more += size_of(landmark);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
           more += bytes_per_pose;
         } else if constexpr (std::is_same_v<P, Digest>) {

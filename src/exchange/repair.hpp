@@ -27,7 +27,7 @@ struct RepairParams {
   std::uint32_t max_ranges = 256;  ///< asked for at once, in requests of at most 64
   double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
   double resend_s = 0.3;           ///< a fact served within this time is on its way, and not served again
-  std::uint32_t batch_limit = 16;  ///< landmarks per answering message
+  std::uint32_t batch_limit = 64;  ///< landmarks per answering message
   double requests_per_s = 100.0;   ///< of one peer that are listened to; more are counted and passed over
   double lost_after_s = 60.0;      ///< what nobody has served for so long, its author being gone, is declared missing
 };

@@ -2,6 +2,7 @@
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/geometry/se2.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <benchmark/benchmark.h>
 
@@ -15,7 +16,7 @@ using dds::Guarded;
 using Payload = eprosima::fastrtps::rtps::SerializedPayload_t;
 using Type = dds::GuardedType<v1::LandmarkPubSubType>;
 
-constexpr int batch_size = 16;
+constexpr int batch_size = 20;
 
 std::vector<LandmarkFact<SE2>> batch() {
   std::vector<LandmarkFact<SE2>> facts(batch_size);
@@ -23,6 +24,8 @@ std::vector<LandmarkFact<SE2>> batch() {
     facts[i].key = {{1, 1}, i};
     facts[i].position.setConstant(i);
     facts[i].covariance.setIdentity();
+    facts[i].loading.setConstant(0.02 + 1e-3 * i);
+    facts[i] = rounded(facts[i]);
   }
   return facts;
 }

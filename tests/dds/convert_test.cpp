@@ -4,6 +4,7 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/global_map.hpp>
 #include <convoy/map/sparse_map.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <gtest/gtest.h>
 
@@ -38,7 +39,7 @@ LandmarkFact<SE2> any_landmark(std::uint32_t index, bool described) {
     fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
     for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
   }
-  return fact;
+  return rounded(fact);
 }
 
 /// Through the generated code and back, as a guarded type does it.
@@ -262,10 +263,14 @@ TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
     facts.push_back(any_landmark(i, i % 3 == 0));
     facts.back().anchor = i / 40;
   }
+  for (std::uint32_t i = 70; i < 200; ++i) {  // so small that their number is what cuts them
+    facts.push_back(any_landmark(i, false));
+    facts.back().anchor = 2;
+  }
   std::uint32_t next = 0;
   for (const auto part : split(std::span<const LandmarkFact<SE2>>(facts))) {
     ASSERT_FALSE(part.empty());
-    EXPECT_LE(part.size(), 16U);
+    EXPECT_LE(part.size(), 64U);
     v1::Landmark sample;
     ASSERT_EQ(to_wire(sender, part, sample), WireStatus::ok);
     EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), max_landmark_sample_bytes);
@@ -274,7 +279,68 @@ TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
       EXPECT_EQ(fact.anchor, part.front().anchor);
     }
   }
-  EXPECT_EQ(next, 70U);
+  EXPECT_EQ(next, 200U);
+}
+
+LandmarkFact<SE2> with_loading(std::uint32_t index) {
+  LandmarkFact<SE2> fact = any_landmark(index, true);
+  fact.descriptor = {};
+  return fact;
+}
+
+TEST(Convert, TwentyLandmarksWithLoadingsMakeOneSample) {
+  std::vector<LandmarkFact<SE2>> facts;
+  for (std::uint32_t i = 0; i < 20; ++i) facts.push_back(with_loading(i));
+  const auto parts = split(std::span<const LandmarkFact<SE2>>(facts));
+  ASSERT_EQ(parts.size(), 1U);
+  v1::Landmark sample;
+  ASSERT_EQ(to_wire(sender, parts[0], sample), WireStatus::ok);
+  EXPECT_EQ(sample.loading().size(), 20U * 31U);
+  const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
+  EXPECT_LE(size, max_landmark_sample_bytes);
+  EXPECT_LE(size, 20U * 56U + 64U) << "index 4, kind 1, position 8, covariance 12, loading 31, and what all share";
+  for (auto& fact : facts) fact.loading.setZero();
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
+  EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), 20U * 25U + 64U);
+}
+
+// Whatever stands in its fields, a sample is not larger than split() has reckoned, nor much smaller.
+TEST(Convert, SamplesAreFull) {
+  for (int round = 0; round < 50; ++round) {
+    std::vector<LandmarkFact<SE2>> facts;
+    for (std::uint32_t i = 0; i < 60; ++i) {
+      facts.push_back(with_loading(i));
+      facts.back().kind = round % 2 == 0 ? 0 : 3;
+      facts.back().loading.rightCols(round % 12 + 1).setZero();
+    }
+    const auto parts = split(std::span<const LandmarkFact<SE2>>(facts));
+    for (std::size_t k = 0; k < parts.size(); ++k) {
+      v1::Landmark sample;
+      ASSERT_EQ(to_wire(sender, parts[k], sample), WireStatus::ok);
+      const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
+      EXPECT_LE(size, max_landmark_sample_bytes);
+      if (k + 1 < parts.size()) {
+        EXPECT_GT(size + 56U + 8U, max_landmark_sample_bytes);
+      }
+    }
+  }
+}
+
+// What needs no column is not sent, and comes back to the bit.
+TEST(Convert, OnlyColumnsThatAreNotZeroAreSent) {
+  for (Eigen::Index columns = 0; columns <= SE2::Shared; ++columns) {
+    std::vector<LandmarkFact<SE2>> facts{with_loading(0), with_loading(1), with_loading(2)};
+    for (auto& fact : facts) fact.loading.rightCols(SE2::Shared - columns).setZero();
+    facts[1].loading.setZero();
+    v1::Landmark sample;
+    ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
+    const auto each = static_cast<std::size_t>(columns == 0 ? 0 : 1 + (columns + 1) / 2 + 2 * columns);
+    EXPECT_EQ(sample.loading().size(), 3 * each);
+    const auto message = round_trip<v1::LandmarkPubSubType>(std::span<const LandmarkFact<SE2>>(facts));
+    const auto& got = std::get<LandmarkBatch<SE2>>(message.payload).landmarks;
+    ASSERT_EQ(got.size(), facts.size());
+    for (std::size_t i = 0; i < facts.size(); ++i) EXPECT_EQ(hash_of(got[i]), hash_of(facts[i]));
+  }
 }
 
 // ---- refusals ---------------------------------------------------------------------------------------------------
@@ -308,19 +374,95 @@ TEST(Convert, RefusesBadAnchors) {
 }
 
 TEST(Convert, RefusesBadLandmarks) {
-  const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, true)};
+  const std::vector<LandmarkFact<SE2>> facts{any_landmark(0, true), any_landmark(1, true)};
   v1::Landmark good;
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), good), WireStatus::ok);
   const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks().clear(); }), WireStatus::out_of_range);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks().resize(65, s.landmarks()[0]); }), WireStatus::too_many);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].descriptor().resize(31); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].position().resize(3); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].loading().resize(9); }), WireStatus::wrong_size);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].loading()[5] = NAN; }), WireStatus::not_finite);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].position()[0] = INFINITY; }), WireStatus::not_finite);
-  EXPECT_EQ(spoilt([](v1::Landmark& s) { s.landmarks()[0].descriptor_kind(static_cast<v1::DescriptorKind>(77)); }),
-            WireStatus::unknown_enum);
+  using L = v1::Landmark;
+  EXPECT_EQ(spoilt([](L&) {}), WireStatus::ok);
+  EXPECT_EQ(spoilt([](L& s) { s.index().clear(); }), WireStatus::out_of_range);
+  EXPECT_EQ(spoilt([](L& s) { s.index().resize(65); }), WireStatus::too_many);
+  EXPECT_EQ(spoilt([](L& s) { s.index().push_back(2); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.kind().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind()[1] = 0; }), WireStatus::wrong_size) << "too many bytes now";
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor().clear(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.position().push_back(0.0F); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.covariance().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().pop_back(); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().push_back(1); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().resize(2 * (1 + 7 + 26), 100); }), WireStatus::wrong_size)
+      << "thirteen columns";
+  EXPECT_EQ(spoilt([](L& s) { s.loading().resize(100000); }), WireStatus::wrong_size);
+  EXPECT_EQ(spoilt([](L& s) { s.position()[0] = INFINITY; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](L& s) { s.covariance()[5] = NAN; }), WireStatus::not_finite);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind()[0] = 77; }), WireStatus::unknown_enum);
+}
+
+TEST(Convert, RefusesLandmarksInAnotherFormThanTheirs) {
+  const std::vector<LandmarkFact<SE2>> facts{with_loading(0), with_loading(1)};
+  v1::Landmark good;
+  ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), good), WireStatus::ok);
+  const auto spoilt = [&](auto spoil) { return status_of(good, spoil); };
+  using L = v1::Landmark;
+  // Of the first landmark, which has a loading of its own choosing: an exponent, and columns 0 and 1.
+  struct Column {
+    std::uint8_t shift, first, second;
+  };
+  const auto loading = [&](std::uint8_t exponent, Column zero, Column one) {
+    return spoilt([&](L& s) {
+      std::fill_n(s.loading().begin(), 31, 0);
+      s.loading()[0] = exponent;
+      const auto rest = static_cast<std::uint8_t>(std::min<int>(15, exponent));  // of columns of zeros
+      std::fill_n(s.loading().begin() + 1, 6, static_cast<std::uint8_t>(rest | rest << 4U));
+      s.loading()[1] = static_cast<std::uint8_t>(zero.shift | one.shift << 4U);
+      s.loading()[7] = zero.first;
+      s.loading()[8] = zero.second;
+      s.loading()[9] = one.first;
+      s.loading()[10] = one.second;
+    });
+  };
+  EXPECT_EQ(loading(64, {0, 64, 3}, {7, 3, 100}), WireStatus::ok);
+  EXPECT_EQ(loading(64, {7, 64, 3}, {0, 3, 100}), WireStatus::ok);
+  EXPECT_EQ(loading(64, {0, 0x81, 3}, {15, 3, 2}), WireStatus::ok) << "-127, and a small column";
+  EXPECT_EQ(loading(3, {0, 64, 3}, {3, 3, 2}), WireStatus::ok);
+  EXPECT_EQ(loading(0, {0, 63, 3}, {0, 0, 1}), WireStatus::ok);
+  EXPECT_EQ(loading(0, {0, 0, 0}, {0, 0, 0}), WireStatus::ok);
+  EXPECT_EQ(loading(127, {0, 127, 0}, {0, 127, 127}), WireStatus::ok);
+  EXPECT_EQ(loading(64, {0, 64, 3}, {14, 3, 2}), WireStatus::not_canonical);
+  EXPECT_EQ(loading(64, {0, 63, 3}, {0, 62, 3}), WireStatus::not_canonical);
+  EXPECT_EQ(loading(64, {1, 64, 3}, {7, 3, 100}), WireStatus::not_canonical) << "no column without a shift";
+  EXPECT_EQ(loading(64, {0, 0x80, 3}, {7, 3, 100}), WireStatus::not_canonical) << "-128";
+  EXPECT_EQ(loading(64, {0, 64, 3}, {14, 0, 0}), WireStatus::not_canonical) << "a column of zeros";
+  EXPECT_EQ(loading(64, {15, 0, 0}, {15, 0, 0}), WireStatus::not_canonical) << "a loading of zeros";
+  EXPECT_EQ(loading(3, {0, 64, 3}, {4, 3, 2}), WireStatus::not_canonical);
+  EXPECT_EQ(loading(128, {0, 127, 0}, {0, 127, 0}), WireStatus::not_canonical);
+  EXPECT_EQ(spoilt([](L& s) { s.kind() = {0, 0}; }), WireStatus::not_canonical);
+  EXPECT_EQ(spoilt([](L& s) { s.kind().clear(); }), WireStatus::ok);
+  EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind() = {0, 0}; }), WireStatus::not_canonical);
+  EXPECT_EQ(spoilt([](L& s) { s.loading().assign(2 * 4, 0); }), WireStatus::not_canonical)
+      << "a last column of zeros";
+}
+
+TEST(Convert, RefusesToSendWhatIsNotRounded) {
+  v1::Landmark sample;
+  const auto status = [&](auto spoil) {
+    LandmarkFact<SE2> fact = any_landmark(0, true);
+    spoil(fact);
+    return to_wire(sender, std::span<const LandmarkFact<SE2>>(&fact, 1), sample);
+  };
+  using L = LandmarkFact<SE2>;
+  EXPECT_EQ(status([](L&) {}), WireStatus::ok);
+  EXPECT_EQ(status([](L& l) { l.position[1] = 1.0 / 3.0; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.position[1] = 1e300; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.covariance(1, 1) = 1.0 / 3.0; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.covariance(0, 1) += 0.5; }), WireStatus::not_rounded) << "not symmetric";
+  EXPECT_EQ(status([](L& l) { l.loading(0, 7) = 1.0 / 3.0; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.loading(0, 7) = NAN; }), WireStatus::not_rounded);
+  EXPECT_EQ(status([](L& l) { l.descriptor.kind = Descriptor::Kind::none; }), WireStatus::not_rounded)
+      << "bytes of no kind";
+  EXPECT_EQ(status([](L& l) { l.descriptor.bytes.fill(0); }), WireStatus::ok);
 }
 
 TEST(Convert, RefusesBadAbsoluteFixes) {
@@ -437,7 +579,7 @@ LandmarkFact<SE3> any_landmark_in_space(std::uint32_t index) {
   fact.loading = SE3::Loading::NullaryExpr([] { return any(); });
   fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
   for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine());
-  return fact;
+  return rounded(fact);
 }
 
 TEST(ConvertInSpace, FactsAndPosesComeBackToTheBitAfterAnyNumberOfHops) {
@@ -513,7 +655,7 @@ TEST(ConvertInSpace, RefusesWhatIsOfThePlaneOrNoRotation) {
   const std::vector<LandmarkFact<SE3>> facts{any_landmark_in_space(0)};
   v1::Landmark landmark;
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE3>>(facts), landmark), WireStatus::ok);
-  landmark.landmarks()[0].loading().resize(8);  // that of the plane
+  landmark.position().pop_back();
   Message<SE3> message;
   EXPECT_EQ(from_wire(landmark, message), WireStatus::wrong_size);
 }
@@ -563,7 +705,7 @@ TEST(WireScan, SpoiltBytesAreDecodedOrRefusedNeverWorse) {
     ++seen[received.decoding];
     Message<SE2> message;
     if (received.decoding == Decoding::ok && from_wire(received.sample, message) == WireStatus::ok) {
-      ASSERT_EQ(std::get<LandmarkBatch<SE2>>(message.payload).landmarks.size(), received.sample.landmarks().size());
+      ASSERT_EQ(std::get<LandmarkBatch<SE2>>(message.payload).landmarks.size(), received.sample.index().size());
     }
   }
   EXPECT_GT(seen[Decoding::ok], 0);

@@ -135,7 +135,7 @@ TEST_F(HostileSample, LandmarksAreRefusedCountedAndDoNotStopTheGoodOnes) {
 
   // More landmarks than the format allows, really there.
   v1::Landmark overlong = good_landmark();
-  overlong.landmarks().resize(65, overlong.landmarks()[0]);
+  overlong.index().resize(65);
   ASSERT_TRUE(stranger.send(serialised<v1::LandmarkPubSubType>(overlong)));
   EXPECT_TRUE(eventually([&] { return hostile() == 1; }));
 
@@ -146,7 +146,7 @@ TEST_F(HostileSample, LandmarksAreRefusedCountedAndDoNotStopTheGoodOnes) {
   EXPECT_TRUE(eventually([&] { return hostile() == 2; }));
 
   v1::Landmark not_a_number = good_landmark();
-  not_a_number.landmarks()[1].position()[0] = std::numeric_limits<double>::quiet_NaN();
+  not_a_number.position()[2] = std::numeric_limits<float>::quiet_NaN();
   ASSERT_TRUE(stranger.send(serialised<v1::LandmarkPubSubType>(not_a_number)));
   EXPECT_TRUE(eventually([&] { return hostile() == 3; }));
 

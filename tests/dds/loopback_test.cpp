@@ -291,7 +291,7 @@ TEST(DdsExchange, ALargeBatchComesInParts) {
     ASSERT_FALSE(got.empty());
     for (const auto& message : got) {
       const auto& part = std::get<LandmarkBatch<SE2>>(message.payload).landmarks;
-      EXPECT_LE(part.size(), 16U);
+      EXPECT_LE(part.size(), 64U);
       for (const auto& fact : part) EXPECT_EQ(fact.key.index, next++);
     }
   }

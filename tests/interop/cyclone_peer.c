@@ -2,9 +2,9 @@
 //   cyclone_peer DOMAIN
 // CYCLONEDDS_URI must say on which interface, since by default Cyclone DDS speaks on one of its own choice.
 //
-// Prints "ready", then one line for every anchor, every landmark and every pose that arrives: the topic and all fields
-// in the order of the IDL, separated by spaces; real numbers as the hexadecimal digits of their bits, sequences led by
-// their length. Driven by lines on standard input, until its end:
+// Prints "ready", then one line for every anchor, every sample of landmarks and every pose that arrives: the topic and
+// all fields in the order of the IDL, separated by spaces; real numbers as the hexadecimal digits of their bits,
+// sequences led by their length. Driven by lines on standard input, until its end:
 //   repeat VEHICLE    writes all Bias and Landmark samples once more, with VEHICLE as their sender, and forgets them
 //   end               prints what there still is, then "end"
 #include "convoy.h"
@@ -77,23 +77,20 @@ static void print_bias(const void* sample) {
 
 static void print_landmark(const void* sample) {
   const convoy_v1_Landmark* l = sample;
-  for (uint32_t i = 0; i < l->landmarks._length; ++i) {
-    const convoy_v1_LandmarkPoint* p = &l->landmarks._buffer[i];
-    printf("Landmark");
-    chain(&l->sender);
-    whole(l->vehicle);
-    whole(l->epoch);
-    whole(l->anchor);
-    whole(l->dimension);
-    whole(p->index);
-    whole(p->kind);
-    whole(p->descriptor_kind);
-    SEQUENCE(whole, p->descriptor);
-    SEQUENCE(real, p->position);
-    SEQUENCE(real, p->covariance);
-    SEQUENCE(real, p->loading);
-    printf("\n");
-  }
+  printf("Landmark");
+  chain(&l->sender);
+  whole(l->vehicle);
+  whole(l->epoch);
+  whole(l->anchor);
+  whole(l->dimension);
+  SEQUENCE(whole, l->index);
+  SEQUENCE(whole, l->kind);
+  SEQUENCE(whole, l->descriptor_kind);
+  SEQUENCE(whole, l->descriptor);
+  SEQUENCE(short_real, l->position);
+  SEQUENCE(short_real, l->covariance);
+  SEQUENCE(whole, l->loading);
+  printf("\n");
 }
 
 static void print_pose(const void* sample) {

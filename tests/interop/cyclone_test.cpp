@@ -4,6 +4,7 @@
 #include "../dds/dds_testing.hpp"
 
 #include <convoy/dds/convert.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <gmock/gmock.h>
 
@@ -70,13 +71,11 @@ std::string line_of(const v1::Bias& b) {
   return line.text();
 }
 
-/// Of a sample of one landmark: how a batch is cut into samples is the exchange's own affair.
 std::string line_of(const v1::Landmark& l) {
-  const v1::LandmarkPoint& p = l.landmarks().at(0);
   Line line("Landmark");
   line << l.sender() << l.vehicle() << l.epoch() << l.anchor() << l.dimension();
-  line << p.index() << p.kind() << static_cast<int>(p.descriptor_kind()) << p.descriptor();
-  line << p.position() << p.covariance() << p.loading();
+  line << l.index() << l.kind() << l.descriptor_kind() << l.descriptor();
+  line << l.position() << l.covariance() << l.loading();
   return line.text();
 }
 
@@ -109,8 +108,8 @@ class Facts {
       LandmarkBatch<G> batch;
       for (std::uint32_t i = 0; i < landmarks_each; ++i) batch.landmarks.push_back(landmark(a * landmarks_each + i, a));
       lines_.push_back(line_of<v1::Bias, G>(chain_, anchor));
-      for (const auto& l : batch.landmarks)
-        lines_.push_back(line_of<v1::Landmark, G>(chain_, std::span<const LandmarkFact<G>>(&l, 1)));
+      for (const auto part : split(std::span<const LandmarkFact<G>>(batch.landmarks)))
+        lines_.push_back(line_of<v1::Landmark, G>(chain_, part));
       messages_.push_back({chain_, anchor});
       messages_.push_back({chain_, std::move(batch)});
     }
@@ -148,12 +147,12 @@ class Facts {
   }
   LandmarkFact<G> landmark(std::uint32_t index, std::uint32_t anchor) {
     LandmarkFact<G> fact{{chain_, index}, anchor, point(), covariance<G::Dim>(), G::Loading::Zero(), {}};
-    if (index % 2 == 0) return fact;
+    if (index % 2 == 0) return rounded(fact);
     fact.loading = G::Loading::NullaryExpr([this] { return any(); });
     fact.kind = 7;
     fact.descriptor.kind = Descriptor::Kind::patch_8x8_4bit;
     for (auto& byte : fact.descriptor.bytes) byte = static_cast<std::uint8_t>(engine_());
-    return fact;
+    return rounded(fact);
   }
 
   ChainId chain_;
@@ -334,9 +333,8 @@ TYPED_TEST(Cyclone, WhatItWritesIsTaken) {
       if (const auto* anchor = std::get_if<AnchorFact<TypeParam>>(&message.payload))
         taken.push_back(line_of<v1::Bias, TypeParam>(facts.chain(), *anchor));
       if (const auto* batch = std::get_if<LandmarkBatch<TypeParam>>(&message.payload))
-        for (const auto& l : batch->landmarks)
-          taken.push_back(
-              line_of<v1::Landmark, TypeParam>(facts.chain(), std::span<const LandmarkFact<TypeParam>>(&l, 1)));
+        taken.push_back(line_of<v1::Landmark, TypeParam>(facts.chain(),
+                                                         std::span<const LandmarkFact<TypeParam>>(batch->landmarks)));
     }
     return taken.size() >= facts.lines().size();
   });

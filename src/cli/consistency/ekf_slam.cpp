@@ -2,6 +2,7 @@
 
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/polar.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -198,7 +199,7 @@ class FactMaker {
         l.covariance = symmetrised(typename G::PointCovariance(drift_params_.landmark_inflation * frozen.covariance));
         l.loading = std::sqrt(drift_params_.landmark_inflation) * frozen.loading;
         thing_of[l.key] = frozen.track;
-        if (batch_arrives) insert(l);
+        if (batch_arrives) insert(rounded(l));
       }
     }
   }
