@@ -47,6 +47,7 @@ SubmapManager<G>::SubmapManager(const ChainId& self, SubmapExchange<G>& exchange
       backend_(backend ? std::move(backend) : make_backend<G>(params.backend)),
       builder_(params_.selection, *backend_) {
   validate<G>(self, params);
+  store_.set_own(self);
   adopt({builder_.build(store_), 0, 0.0});
   counters_.maps_built = 0;
 }

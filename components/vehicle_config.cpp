@@ -163,10 +163,12 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   visit("repair", "backoff_max_s", s.repair.backoff_max_s);
   visit("repair", "relay_delay_s", s.repair.relay_delay_s);
   visit("repair", "max_ranges", s.repair.max_ranges);
+  visit("repair", "asks_per_s", s.repair.asks_per_s);
   visit("repair", "answers_per_s", s.repair.answers_per_s);
   visit("repair", "resend_s", s.repair.resend_s);
   visit("repair", "batch_limit", s.repair.batch_limit);
   visit("repair", "requests_per_s", s.repair.requests_per_s);
+  visit("repair", "max_answers", s.repair.max_answers);
   visit("repair", "lost_after_s", s.repair.lost_after_s);
   visit("repair", "seed", s.seed);
 

@@ -635,7 +635,7 @@ WireStatus to_wire(const ChainId& sender, const Request& request, v1::Request& s
   set_author(sender, sample);
   sample.target(wire_chain(request.target));
   sample.kind(static_cast<v1::FactKind>(request.kind));
-  sample.anybody(request.anybody);
+  sample.in_vain(request.in_vain);
   sample.ranges().clear();
   for (const IndexRange& range : request.ranges) {
     v1::IndexRange out;
@@ -652,9 +652,10 @@ WireStatus from_wire(const v1::Request& sample, Message<G>& message) {
   if (sample.ranges().size() > bounds::ranges) return WireStatus::too_many;
   Request request;
   request.target = core_chain(sample.target());
-  request.anybody = sample.anybody();
+  request.in_vain = sample.in_vain();
   for (const v1::IndexRange& range : sample.ranges()) {
     if (range.first() >= range.end()) return WireStatus::out_of_range;
+    if (!request.ranges.empty() && range.first() < request.ranges.back().end) return WireStatus::not_canonical;
     request.ranges.push_back({range.first(), range.end()});
   }
   const WireStatus status = convert_enum(sample.kind(), v1::KIND_WAYPOINT, request.kind);

@@ -70,7 +70,9 @@ struct Request {
   ChainId target;
   FactKind kind = FactKind::anchor;
   std::vector<IndexRange> ranges;
-  bool anybody = true;  ///< false: their author is there, and the first to be asked; others keep quiet
+  /// How often it was asked in vain. 0: their author alone is asked, since it is there; with 3 or more, those who have
+  /// them repeat them even if they see others do so: not all hear everybody.
+  std::uint8_t in_vain = 1;
 };
 
 /// What the sender knows. High-water marks make lost tails visible; equal `map_facts` with unequal `map` is an alarm.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 
 namespace convoy {
 namespace {
@@ -11,14 +12,20 @@ namespace {
 constexpr std::size_t ranges_per_request = 64;  // what the wire holds
 constexpr double silent_after = 3.0;            // idle periods without a digest: the peer is gone
 constexpr double prompt_within = 0.2;           // s; a digest for somebody new
+constexpr double prompt_apart = 0.5;            // s; however many are new
 constexpr double lost_period_s = 60.0;          // between two requests for what is declared missing
-constexpr std::uint32_t relay_block = 32;       // indices that one relayer answers at once
+constexpr std::uint32_t block = 32;             // indices that one answers at once
+constexpr std::size_t max_known_peers = 1024;
 
-/// Calls visit(index) for each held index of `ranges`.
+/// Calls visit(index) for each held index of `ranges`, ascending, each once, as long as it says true.
 template <class Sequence, class Visit>
 void for_each_held(const Sequence& held, const std::vector<IndexRange>& ranges, Visit visit) {
-  for (const IndexRange& range : ranges)
-    for (auto it = held.lower_bound(range.first); it != held.end() && it->first < range.end; ++it) visit(it->first);
+  std::uint32_t next = 0;
+  for (const IndexRange& range : ranges) {
+    for (auto it = held.lower_bound(std::max(range.first, next)); it != held.end() && it->first < range.end; ++it)
+      if (!visit(it->first)) return;
+    next = std::max(next, range.end);
+  }
 }
 
 }  // namespace
@@ -35,6 +42,8 @@ void validate(const RepairParams& p) {
   demand(p.backoff_max_s >= p.backoff_min_s, "backoff_max_s", p.backoff_max_s, "be at least backoff_min_s");
   demand(p.relay_delay_s >= 0.0, "relay_delay_s", p.relay_delay_s, "be >= 0");
   demand(p.max_ranges >= 1 && p.max_ranges <= 4096, "max_ranges", p.max_ranges, "lie in 1..4096");
+  demand(p.asks_per_s > 0.0, "asks_per_s", p.asks_per_s, "be > 0");
+  demand(p.max_answers >= 1, "max_answers", p.max_answers, "be >= 1");
   demand(p.answers_per_s > 0.0, "answers_per_s", p.answers_per_s, "be > 0");
   demand(p.resend_s >= 0.0, "resend_s", p.resend_s, "be >= 0");
   demand(p.requests_per_s > 0.0, "requests_per_s", p.requests_per_s, "be > 0");
@@ -70,10 +79,46 @@ bool RepairProtocol<G>::heard_lately(const ChainId& chain, double now_s) const {
 
 template <class G>
 void RepairProtocol<G>::on_digest(FactStore<G>& store, const ChainId& sender, const Digest& digest, double now_s) {
-  for (const ChainMark& mark : digest.marks) store.announce(mark.chain, mark.kind, mark.high_water);
-  if (sender == self_) return;
-  if (!heard_lately(sender, now_s)) prompt_s_ = std::min(prompt_s_, now_s + prompt_within * uniform());
+  if (store.is_full_of_rumours()) forget_rumours(store);
+  for (const ChainMark& mark : digest.marks) {
+    if (mark.chain == sender) store.announce_own(mark.chain, mark.kind, mark.high_water);
+    else store.announce(mark.chain, mark.kind, mark.high_water);
+  }
+  if (sender == self_ || (peers_.size() >= max_known_peers && !peers_.contains(sender))) return;
+  if (!heard_lately(sender, now_s)) {
+    tell_soon(now_s);
+    ask_again(now_s);
+  }
   peers_[sender] = {digest.holdings, now_s};
+}
+
+template <class G>
+void RepairProtocol<G>::tell_soon(double now_s) {
+  prompt_s_ = std::min(prompt_s_, std::max(now_s + prompt_within * uniform(), digest_s_ + prompt_apart));
+}
+
+// Somebody new may hold what nobody else does.
+template <class G>
+void RepairProtocol<G>::ask_again(double now_s) {
+  for (auto& [sequence, wanted] : wanted_) {
+    wanted.next_s = std::min(wanted.next_s, now_s + params_.grace_s * (1.0 + uniform()));
+    wanted.backoff_s = params_.backoff_min_s;
+  }
+}
+
+// Chains of which nobody has served anything for so long that they are given up.
+template <class G>
+void RepairProtocol<G>::forget_rumours(FactStore<G>& store) {
+  for (auto it = wanted_.begin(); it != wanted_.end();) {
+    const ChainId chain = it->first.first;
+    const auto end = wanted_.upper_bound({chain, static_cast<FactKind>(fact_kind_count)});
+    const bool lost = std::all_of(it, end, [](const auto& wanted) { return wanted.second.lost; });
+    if (lost && store.chains().at(chain).facts == 0) {
+      wanted_.erase(it, end);
+      store.forget_rumours(chain);
+    }
+    it = end;
+  }
 }
 
 // One request is answered for all who lack the same, so that the second who asks for it waits once.
@@ -81,7 +126,8 @@ template <class G>
 void RepairProtocol<G>::put_off(const FactStore<G>& store, const Request& request, double now_s) {
   const auto it = wanted_.find({request.target, request.kind});
   if (it == wanted_.end() || it->second.put_off) return;
-  const auto missing = store.missing(request.target, request.kind, 1);
+  auto missing = store.missing(request.target, request.kind, 1, it->second.from);
+  if (missing.empty()) missing = store.missing(request.target, request.kind, 1);
   const bool same = !missing.empty() && std::any_of(request.ranges.begin(), request.ranges.end(), [&](const auto& r) {
     return r.first <= missing[0].first && missing[0].first < r.end;
   });
@@ -95,7 +141,8 @@ template <class G>
 void RepairProtocol<G>::on_request(const FactStore<G>& store, const ChainId& sender, const Request& request,
                                    double now_s) {
   ++counters_.requests_heard;
-  if (!askers_[sender.vehicle].take(params_.requests_per_s, now_s)) {
+  if (askers_.size() >= max_known_peers) std::erase_if(askers_, [](const auto& a) { return a.second.queue.empty(); });
+  if (!askers_[sender.vehicle].requests.take(params_.requests_per_s, now_s)) {
     ++counters_.requests_refused;
     return;
   }
@@ -104,34 +151,65 @@ void RepairProtocol<G>::on_request(const FactStore<G>& store, const ChainId& sen
   const auto chain = store.chains().find(request.target);
   if (chain == store.chains().end()) return;
   const bool own = request.target == self_;
-  if (!own && !request.anybody) return;
+  if (own && !request.ranges.empty() &&
+      request.ranges.back().end > chain->second.marks[static_cast<std::size_t>(request.kind)].high_water)
+    tell_soon(now_s);  // who asks for what was never written has been misled
+  if (!own && request.in_vain == 0) return;
   forget_served(now_s);
   // What lies together is drawn together: it fits one message.
-  std::uint32_t block = ~std::uint32_t{0};
+  std::uint32_t drawn = ~std::uint32_t{0};
   double at_s = now_s;
+  bool insist = false;
+  const auto& queue = askers_[sender.vehicle].queue;
   FactStore<G>::with_sequence(chain->second, request.kind, [&](const auto& held) {
     for_each_held(held, request.ranges, [&](std::uint32_t index) {
       const FactId fact{request.kind, Key{request.target, index}};
-      if (served_.contains(fact)) return;
-      if (!own && index / relay_block != block) at_s = relay_at(now_s);
-      block = index / relay_block;
-      answers_.try_emplace(fact, at_s);
+      if (!own && index / block != drawn) {
+        at_s = relay_at(now_s);
+        insist = request.in_vain >= 3 && uniform() * crowd() < 3.0;
+      }
+      drawn = index / block;
+      if (!served_.contains(fact)) enqueue(sender.vehicle, fact, at_s, insist);
+      return queue.size() < params_.max_answers;
     });
   });
+}
+
+// A fact that several ask for is served in the turn of whoever has the shortest queue.
+template <class G>
+void RepairProtocol<G>::enqueue(VehicleId asker, const FactId& fact, double at_s, bool insist) {
+  const auto [it, fresh] = answers_.try_emplace(fact, Answer{asker, at_s, insist});
+  Answer& answer = it->second;
+  if (!fresh) {
+    answer.insist |= insist;
+    auto& theirs = askers_[answer.asker].queue;
+    if (askers_[asker].queue.size() >= theirs.size()) return;
+    theirs.erase({answer.at_s, fact});
+    answer.asker = asker;
+  }
+  askers_[asker].queue.insert({answer.at_s, fact});
+}
+
+template <class G>
+double RepairProtocol<G>::crowd() const {
+  return static_cast<double>(std::max<std::size_t>(peers_.size(), 2));
 }
 
 // Few of many shall answer, whatever their number N: of delays relay_delay_s (1 + ln u / ln N) one on average is not
 // above zero, and N^(t / relay_delay_s) are not above t (Nonnenmacher and Biersack, "Scalable feedback", 1999).
 template <class G>
 double RepairProtocol<G>::relay_at(double now_s) {
-  const double crowd = static_cast<double>(std::max<std::size_t>(peers_.size(), 2));
   const double u = std::max(uniform(), 1e-9);
-  return now_s + params_.relay_delay_s * std::max(0.0, 1.0 + std::log(u) / std::log(crowd));
+  return now_s + params_.relay_delay_s * std::max(0.0, 1.0 + std::log(u) / std::log(crowd()));
 }
 
 template <class G>
 void RepairProtocol<G>::on_fact_seen(FactKind kind, const Key& key) {
-  counters_.answers_suppressed += answers_.erase({kind, key});
+  const auto it = answers_.find({kind, key});
+  if (it == answers_.end() || it->second.insist) return;
+  askers_[it->second.asker].queue.erase({it->second.at_s, it->first});
+  answers_.erase(it);
+  ++counters_.answers_suppressed;
 }
 
 template <class G>
@@ -155,15 +233,17 @@ template <class G>
 std::vector<ChainMark> RepairProtocol<G>::marks_to_tell(const FactStore<G>& store) {
   std::vector<ChainMark> marks = store.marks_of(self_);
   const auto& chains = store.chains();
-  std::uint32_t told = chains.contains(self_);
+  std::uint32_t told = marks.empty() ? 0 : 1;
+  // Not all begin with the same one.
   auto it = chains.upper_bound(turn_);
+  if (!std::exchange(told_of_others_, true))
+    it = std::next(chains.begin(), static_cast<std::ptrdiff_t>(uniform() * static_cast<double>(chains.size())));
   for (std::size_t n = chains.size(); n > 0 && told < params_.max_chains; --n, ++it) {
     if (it == chains.end()) it = chains.begin();
-    if (it->first == self_) continue;
-    const auto more = store.marks_of(it->first);
+    const auto more = it->first == self_ ? std::vector<ChainMark>{} : store.marks_of(it->first);
     marks.insert(marks.end(), more.begin(), more.end());
     turn_ = it->first;
-    ++told;
+    told += !more.empty();
   }
   return marks;
 }
@@ -183,44 +263,72 @@ std::optional<std::vector<ChainMark>> RepairProtocol<G>::digest_due(const FactSt
   return marks_to_tell(store);
 }
 
+// From where the last request ended, so that what nobody has does not keep the rest from being asked for.
 template <class G>
-void RepairProtocol<G>::request(const FactStore<G>& store, const SequenceId& sequence, bool anybody,
-                                std::vector<Payload<G>>& out) {
-  const auto ranges = store.missing(sequence.first, sequence.second, params_.max_ranges);
+void RepairProtocol<G>::request(const FactStore<G>& store, const SequenceId& sequence, Wanted& wanted,
+                                bool author_is_there, std::vector<Payload<G>>& out) {
+  const auto& [chain, kind] = sequence;
+  auto ranges = store.missing(chain, kind, params_.max_ranges, wanted.from);
+  if (ranges.empty()) ranges = store.missing(chain, kind, params_.max_ranges);
+  wanted.from = ranges.size() < params_.max_ranges ? 0 : ranges.back().end;
+  const auto in_vain = std::max(wanted.in_vain, static_cast<std::uint8_t>(author_is_there ? 0 : 1));
   for (std::size_t at = 0; at < ranges.size(); at += ranges_per_request) {
     const auto first = ranges.begin() + static_cast<std::ptrdiff_t>(at);
     const auto count = static_cast<std::ptrdiff_t>(std::min(ranges_per_request, ranges.size() - at));
-    out.push_back(Request{sequence.first, sequence.second, {first, first + count}, anybody});
+    out.push_back(Request{chain, kind, {first, first + count}, in_vain});
     ++counters_.requests_sent;
   }
 }
 
+// In turns, so that no sequence is left out when all that is missing cannot be asked for at once.
 template <class G>
 void RepairProtocol<G>::request_missing(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out) {
-  for (const auto& [id, chain] : store.chains()) {
-    for (int k = 0; k < fact_kind_count; ++k) {
-      const auto kind = static_cast<FactKind>(k);
-      const ChainMark& mark = chain.marks[static_cast<std::size_t>(k)];
-      if (mark.count == mark.high_water) {
-        wanted_.erase({id, kind});
-        continue;
-      }
-      auto [it, fresh] = wanted_.try_emplace({id, kind});
-      Wanted& wanted = it->second;
-      const std::uint32_t lacking = mark.high_water - mark.count;
-      if (fresh) wanted = {now_s + params_.grace_s * (1.0 + uniform()), params_.backoff_min_s, lacking, now_s};
-      else if (lacking < wanted.lacking)  // answers are flowing: give them time
-        wanted = {now_s + params_.backoff_min_s * (0.5 + 0.5 * uniform()), params_.backoff_min_s, lacking, now_s};
-      wanted.lacking = lacking;
-      wanted.lost = now_s >= wanted.progress_s + params_.lost_after_s && !heard_lately(id, now_s);
-      if (now_s < wanted.next_s) continue;
-      request(store, {id, kind}, wanted.in_vain || !heard_lately(id, now_s), out);
-      wanted.put_off = false;
-      wanted.in_vain = true;
-      wanted.next_s = now_s + (wanted.lost ? lost_period_s : wanted.backoff_s) * (0.75 + 0.5 * uniform());
-      wanted.backoff_s = std::min(2.0 * wanted.backoff_s, params_.backoff_max_s);
-    }
+  const auto& chains = store.chains();
+  auto it = chains.upper_bound(asked_last_);
+  for (std::size_t n = chains.size(); n > 0; --n, ++it) {
+    if (it == chains.end()) it = chains.begin();
+    for (int k = 0; k < fact_kind_count; ++k)
+      request_missing(store, {it->first, static_cast<FactKind>(k)}, it->second.marks[static_cast<std::size_t>(k)],
+                      now_s, out);
   }
+}
+
+template <class G>
+void RepairProtocol<G>::request_missing(const FactStore<G>& store, const SequenceId& sequence, const ChainMark& mark,
+                                        double now_s, std::vector<Payload<G>>& out) {
+  if (mark.count == mark.high_water) {
+    wanted_.erase(sequence);
+    return;
+  }
+  auto [it, fresh] = wanted_.try_emplace(sequence);
+  Wanted& wanted = it->second;
+  const std::uint32_t lacking = mark.high_water - mark.count;
+  const auto wait = [&](double delay_s) {
+    wanted.next_s = now_s + delay_s;
+    wanted.backoff_s = params_.backoff_min_s;
+    wanted.progress_s = now_s;
+  };
+  if (fresh) wait(params_.grace_s * (1.0 + uniform()));
+  else if (lacking < wanted.lacking) wait(params_.backoff_min_s * (0.5 + 0.5 * uniform()));  // answers are flowing
+  wanted.lacking = lacking;
+  const bool author_is_there = heard_lately(sequence.first, now_s);
+  wanted.lost =
+      (now_s >= wanted.progress_s + params_.lost_after_s && !author_is_there) || store.is_full(sequence.first);
+  if (now_s < wanted.next_s) return;
+  if (!asks_.take(params_.asks_per_s, now_s)) {
+    ++counters_.requests_waiting;
+    return;
+  }
+  asked_last_ = sequence.first;
+  // Half of what was asked for, or all that can be served meanwhile, is a good answer.
+  const std::uint32_t got = wanted.asked - std::min(wanted.asked, lacking);
+  if (2 * got >= std::min(wanted.asked, 200U)) wanted.in_vain = 0;
+  else wanted.in_vain += wanted.in_vain < 255;
+  wanted.asked = lacking;
+  request(store, sequence, wanted, author_is_there, out);
+  wanted.put_off = false;
+  wanted.next_s = now_s + (wanted.lost ? lost_period_s : wanted.backoff_s) * (0.75 + 0.5 * uniform());
+  wanted.backoff_s = std::min(2.0 * wanted.backoff_s, params_.backoff_max_s);
 }
 
 template <class G>
@@ -246,10 +354,27 @@ void RepairProtocol<G>::forget_served(double now_s) {
   }
 }
 
+// A block of each who asks, in turns.
 template <class G>
 void RepairProtocol<G>::answer(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out) {
   allowance_ = std::min(std::max(1.0, params_.answers_per_s),
                         allowance_ + params_.answers_per_s * std::max(0.0, now_s - last_s_));
+  auto it = askers_.upper_bound(served_last_);
+  for (std::size_t idle = 0; idle < askers_.size() && allowance_ >= 1.0; ++it) {
+    if (it == askers_.end()) it = askers_.begin();
+    idle = serve_block(store, it->second, now_s, out) ? 0 : idle + 1;
+    if (idle == 0) served_last_ = it->first;
+  }
+}
+
+/// False if nothing is due.
+template <class G>
+bool RepairProtocol<G>::serve_block(const FactStore<G>& store, Asker& asker, double now_s,
+                                    std::vector<Payload<G>>& out) {
+  const auto block_of = [](const FactId& fact) {
+    return std::tuple(fact.first, fact.second.chain, fact.second.index / block);
+  };
+  std::optional<decltype(block_of(FactId{}))> of;
   LandmarkBatch<G> batch;
   const auto flush = [&] {
     if (!batch.landmarks.empty()) out.push_back(std::exchange(batch, {}));
@@ -264,21 +389,22 @@ void RepairProtocol<G>::answer(const FactStore<G>& store, double now_s, std::vec
       batch.landmarks.push_back(fact);
     }
   };
-  for (auto it = answers_.begin(); it != answers_.end() && allowance_ >= 1.0;) {
-    if (it->second > now_s) {
-      ++it;
-      continue;
-    }
-    const auto& [kind, key] = it->first;
+  while (!asker.queue.empty() && asker.queue.begin()->first <= now_s && allowance_ >= 1.0) {
+    const FactId fact = asker.queue.begin()->second;
+    if (of && *of != block_of(fact)) break;
+    of = block_of(fact);
+    const auto& [kind, key] = fact;
     FactStore<G>::with_sequence(store.chains().at(key.chain), kind, [&](const auto& held) { put(held.at(key.index)); });
     ++counters_.facts_served;
     counters_.facts_relayed += key.chain != self_;
     allowance_ -= 1.0;
-    served_[it->first] = now_s;
-    order_.emplace_back(now_s, it->first);
-    it = answers_.erase(it);
+    served_[fact] = now_s;
+    order_.emplace_back(now_s, fact);
+    asker.queue.erase(asker.queue.begin());
+    answers_.erase(fact);
   }
   flush();
+  return of.has_value();
 }
 
 #define CONVOY_INSTANTIATE(G) template class RepairProtocol<G>;

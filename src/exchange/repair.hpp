@@ -10,6 +10,7 @@
 #include <map>
 #include <optional>
 #include <random>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -23,13 +24,15 @@ struct RepairParams {
   double grace_s = 0.5;        ///< a gap younger than this may just be late
   double backoff_min_s = 0.5;  ///< between two requests for the same sequence; doubles up to the maximum
   double backoff_max_s = 8.0;
-  double relay_delay_s = 0.6;      ///< up to this long one who is not the author waits for another to answer
-  std::uint32_t max_ranges = 256;  ///< asked for at once, in requests of at most 64
-  double answers_per_s = 500.0;    ///< facts served per second at most; the rest waits, nothing is forgotten
-  double resend_s = 0.3;           ///< a fact served within this time is on its way, and not served again
-  std::uint32_t batch_limit = 64;  ///< landmarks per answering message
-  double requests_per_s = 100.0;   ///< of one peer that are listened to; more are counted and passed over
-  double lost_after_s = 60.0;      ///< what nobody has served for so long, its author being gone, is declared missing
+  double relay_delay_s = 0.6;        ///< up to this long one who is not the author waits for another to answer
+  std::uint32_t max_ranges = 256;    ///< asked for at once, in requests of at most 64; the next ones in the next turn
+  double asks_per_s = 50.0;          ///< sequences asked for per second at most; the others wait for their turn
+  double answers_per_s = 500.0;      ///< facts served per second at most; the rest waits, nothing is forgotten
+  double resend_s = 0.3;             ///< a fact served within this time is on its way, and not served again
+  std::uint32_t batch_limit = 64;    ///< landmarks per answering message
+  double requests_per_s = 100.0;     ///< of one peer that are listened to; more are counted and passed over
+  std::uint32_t max_answers = 4096;  ///< facts that wait to be served to one peer; more are asked for again
+  double lost_after_s = 60.0;        ///< what nobody has served for so long, its author being gone, is declared missing
 };
 
 /// Throws RangeError.
@@ -40,6 +43,7 @@ struct RepairCounters {
   std::uint64_t requests_heard = 0;
   std::uint64_t requests_refused = 0;     ///< of a peer that asks too often
   std::uint64_t requests_suppressed = 0;  ///< put off, since another vehicle has just asked for the same
+  std::uint64_t requests_waiting = 0;     ///< times that something was due to be asked for and had to wait its turn
   std::uint64_t facts_served = 0;
   std::uint64_t facts_relayed = 0;       ///< served on behalf of another author
   std::uint64_t answers_suppressed = 0;  ///< another vehicle was quicker
@@ -54,7 +58,7 @@ class RepairProtocol {
   /// `sender` knows of these facts to exist.
   void on_digest(FactStore<G>& store, const ChainId& sender, const Digest& digest, double now_s);
   void on_request(const FactStore<G>& store, const ChainId& sender, const Request& request, double now_s);
-  /// A fact was seen on the wire: nobody needs our answer with it any more.
+  /// A fact that is held was seen on the wire: nobody needs our answer with it any more.
   void on_fact_seen(FactKind kind, const Key& key);
 
   /// Messages due by `now_s`: requests for what is missing, answers to what was asked.
@@ -77,10 +81,14 @@ class RepairProtocol {
     double backoff_s = 0.0;
     std::uint32_t lacking = 0;  // progress on the gap resets the backoff
     double progress_s = 0.0;    // when there was some last
-    bool in_vain = false;       // asked since then
+    std::uint32_t asked = 0;    // lacking at the last request of our own
+    std::uint32_t from = 0;     // where the next request begins
+    std::uint8_t in_vain = 0;   // requests since the last that was answered well
     bool put_off = false;       // since the last request of our own
     bool lost = false;
   };
+  using SequenceId = std::pair<ChainId, FactKind>;
+  using FactId = std::pair<FactKind, Key>;
   struct Peer {
     Hash holdings = 0;
     double heard_s = 0.0;
@@ -90,16 +98,34 @@ class RepairProtocol {
     double left = 0.0, at_s = -std::numeric_limits<double>::infinity();
     bool take(double per_s, double now_s);
   };
-  using SequenceId = std::pair<ChainId, FactKind>;
-  using FactId = std::pair<FactKind, Key>;
+  /// What waits to be served goes in turns, a block of each asker, so that who asks for much does not keep others
+  /// waiting.
+  struct Asker {
+    Allowance requests;
+    std::set<std::pair<double, FactId>> queue;  // by when it is due
+  };
+  struct Answer {
+    VehicleId asker = 0;
+    double at_s = 0.0;
+    bool insist = false;  // whoever else is seen to answer
+  };
   double uniform();
+  double crowd() const;
   bool heard_lately(const ChainId& chain, double now_s) const;
+  void tell_soon(double now_s);
+  void ask_again(double now_s);
+  void forget_rumours(FactStore<G>& store);
   double relay_at(double now_s);
+  void enqueue(VehicleId asker, const FactId& fact, double at_s, bool insist);
+  bool serve_block(const FactStore<G>& store, Asker& asker, double now_s, std::vector<Payload<G>>& out);
   bool all_agree(const FactStore<G>& store, double now_s) const;
   std::vector<ChainMark> marks_to_tell(const FactStore<G>& store);
   void put_off(const FactStore<G>& store, const Request& request, double now_s);
   void request_missing(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
-  void request(const FactStore<G>& store, const SequenceId& sequence, bool anybody, std::vector<Payload<G>>& out);
+  void request_missing(const FactStore<G>& store, const SequenceId& sequence, const ChainMark& mark, double now_s,
+                       std::vector<Payload<G>>& out);
+  void request(const FactStore<G>& store, const SequenceId& sequence, Wanted& wanted, bool author_is_there,
+               std::vector<Payload<G>>& out);
   void answer(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
   void forget_served(double now_s);
 
@@ -107,16 +133,20 @@ class RepairProtocol {
   RepairParams params_;
   std::mt19937_64 random_;
   std::map<SequenceId, Wanted> wanted_;
-  std::map<FactId, double> answers_;             // fact -> when to serve it
+  std::map<FactId, Answer> answers_;             // to be served
   std::map<FactId, double> served_;              // lately: when
   std::deque<std::pair<double, FactId>> order_;  // of served_, by time
   std::map<ChainId, Peer> peers_;
-  std::map<VehicleId, Allowance> askers_;
+  std::map<VehicleId, Asker> askers_;
+  VehicleId served_last_ = 0;
+  ChainId asked_last_;
+  Allowance asks_;
   std::uint64_t told_revision_ = 0;  // of the facts that the last digest with marks spoke of
   double digest_s_ = -std::numeric_limits<double>::infinity();
   double digest_jitter_ = 1.0;
   double prompt_s_ = std::numeric_limits<double>::infinity();  // a digest out of turn, for somebody new
   ChainId turn_;                                               // the chain that the last digest ended with
+  bool told_of_others_ = false;
   double last_s_ = 0.0;
   double allowance_ = 0.0;
   RepairCounters counters_;

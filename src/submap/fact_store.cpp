@@ -66,15 +66,18 @@ Insertion FactStore<G>::check(const Key& key) const {
 
 template <class G>
 bool FactStore<G>::has_room_for(const ChainId& id) const {
+  if (id == own_) return true;
+  const auto chain = chains_.find(id);
+  if (chain != chains_.end() && chain->second.facts > 0) return true;
   const auto share = shares_.find(id.vehicle);
-  return share == shares_.end() || share->second.chains < limits_.max_chains_per_vehicle || chains_.contains(id);
+  return share == shares_.end() || share->second.chains < limits_.max_chains_per_vehicle;
 }
 
 template <class G>
-typename FactStore<G>::Chain& FactStore<G>::open(const ChainId& id) {
-  const auto [it, fresh] = chains_.try_emplace(id);
-  shares_[id.vehicle].chains += fresh;
-  return it->second;
+bool FactStore<G>::is_full(const ChainId& id) const {
+  if (id == own_) return false;
+  const auto share = shares_.find(id.vehicle);
+  return !has_room_for(id) || (share != shares_.end() && share->second.facts >= limits_.max_facts_per_vehicle);
 }
 
 template <class G>
@@ -83,19 +86,27 @@ Insertion FactStore<G>::keep(Sequence<Fact> Chain::*sequence, FactKind kind, con
   if (check != Insertion::inserted) return count(check);
   if (!has_room_for(fact.key.chain)) return count(Insertion::over_share);
   const Hash hash = hash_of(fact);
-  Chain& chain = open(fact.key.chain);
-  auto& held = chain.*sequence;
-  if (const auto it = held.find(fact.key.index); it != held.end()) {
-    if (hash_of(it->second) == hash) return count(Insertion::duplicate);
-    chain.equivocated = true;
-    return count(Insertion::conflict);
+  if (const auto known = chains_.find(fact.key.chain); known != chains_.end()) {
+    const auto& held = known->second.*sequence;
+    if (const auto it = held.find(fact.key.index); it != held.end()) {
+      if (hash_of(it->second) == hash) return count(Insertion::duplicate);
+      known->second.equivocated = true;
+      return count(Insertion::conflict);
+    }
   }
-  std::uint64_t& facts_of_vehicle = shares_[fact.key.chain.vehicle].facts;
-  if (facts_of_vehicle >= limits_.max_facts_per_vehicle) return count(Insertion::over_share);
-  ++facts_of_vehicle;
-  held.emplace(fact.key.index, fact);
+  if (is_full(fact.key.chain)) return count(Insertion::over_share);
+  const auto [it, fresh] = chains_.try_emplace(fact.key.chain);
+  Chain& chain = it->second;
+  if (fact.key.chain != own_) {
+    Share& share = shares_[fact.key.chain.vehicle];
+    ++share.facts;
+    share.chains += chain.facts == 0;
+  }
+  rumoured_ -= !fresh && chain.facts == 0;
+  ++chain.facts;
+  (chain.*sequence).emplace(fact.key.index, fact);
+  prove(fact.key.chain, kind, fact.key.index + 1);
   ChainMark& mark = chain.marks[static_cast<std::size_t>(kind)];
-  mark.high_water = std::max(mark.high_water, fact.key.index + 1);
   ++mark.count;
   mark.hash += hash;
   holdings_ += hash;
@@ -140,7 +151,7 @@ Insertion FactStore<G>::insert(const AnchorFact<G>& f) {
   const Insertion result = keep(&Chain::anchors, FactKind::anchor, f, check(f));
   // An anchor proves that its landmarks exist, so that lost ones are asked for.
   if (result == Insertion::inserted && f.landmark_count > 0)
-    announce(f.key.chain, FactKind::landmark, f.first_landmark + f.landmark_count);
+    prove(f.key.chain, FactKind::landmark, f.first_landmark + f.landmark_count);
   return result;
 }
 
@@ -165,7 +176,7 @@ Insertion FactStore<G>::insert(const LandmarkFact<G>& f) {
     auto& batch = chain.batches[f.anchor];
     batch.insert(std::lower_bound(batch.begin(), batch.end(), f.key.index), f.key.index);
     // A landmark proves that its anchor exists, so a lost anchor is asked for.
-    announce(f.key.chain, FactKind::anchor, f.anchor + 1);
+    prove(f.key.chain, FactKind::anchor, f.anchor + 1);
   }
   return result;
 }
@@ -257,15 +268,14 @@ Insertion FactStore<G>::check(const WaypointFact<G>& f) const {
 template <class G>
 Insertion FactStore<G>::insert(const AbsoluteFixFact<G>& f) {
   const Insertion result = keep(&Chain::absolute_fixes, FactKind::absolute_fix, f, check(f));
-  if (result == Insertion::inserted)
-    announce(f.key.chain, FactKind::anchor, f.anchor + 1);  // a lost anchor is asked for
+  if (result == Insertion::inserted) prove(f.key.chain, FactKind::anchor, f.anchor + 1);  // a lost anchor is asked for
   return result;
 }
 
 template <class G>
 Insertion FactStore<G>::insert(const EncounterFact<G>& f) {
   const Insertion result = keep(&Chain::encounters, FactKind::encounter, f, check(f));
-  if (result == Insertion::inserted) announce(f.key.chain, FactKind::anchor, f.anchor + 1);
+  if (result == Insertion::inserted) prove(f.key.chain, FactKind::anchor, f.anchor + 1);
   return result;
 }
 
@@ -273,7 +283,7 @@ template <class G>
 Insertion FactStore<G>::insert(const WaypointFact<G>& f) {
   const Insertion result = keep(&Chain::waypoints, FactKind::waypoint, f, check(f));
   if (result != Insertion::inserted) return result;
-  announce(f.key.chain, FactKind::anchor, f.anchor + 1);
+  prove(f.key.chain, FactKind::anchor, f.anchor + 1);
   announce(f.encounter.chain, FactKind::encounter, f.encounter.index + 1);  // so is a lost encounter
   return result;
 }
@@ -300,20 +310,56 @@ const PriorFact<G>* FactStore<G>::prior(const ChainId& id) const {
   return chain == chains_.end() || chain->second.priors.empty() ? nullptr : &chain->second.priors.begin()->second;
 }
 
+// Of a chain that is held, or may be talked of; else null.
+template <class G>
+typename FactStore<G>::Chain* FactStore<G>::rumoured(const ChainId& id, FactKind kind, std::uint32_t high_water) {
+  if (high_water == 0 || check(Key{id, high_water - 1}) != Insertion::inserted || !has_room_for(id)) return nullptr;
+  if (id == own_ || (is_full_of_rumours() && !chains_.contains(id))) return nullptr;
+  const auto [it, fresh] = chains_.try_emplace(id);
+  rumoured_ += fresh;
+  std::uint32_t& said = it->second.marks[static_cast<std::size_t>(kind)].high_water;
+  said = std::max(said, high_water);
+  return &it->second;
+}
+
 template <class G>
 void FactStore<G>::announce(const ChainId& id, FactKind kind, std::uint32_t high_water) {
-  if (high_water == 0 || check(Key{id, high_water - 1}) != Insertion::inserted || !has_room_for(id)) return;
-  auto& mark = open(id).marks[static_cast<std::size_t>(kind)];
-  mark.high_water = std::max(mark.high_water, high_water);
+  rumoured(id, kind, high_water);
+}
+
+template <class G>
+void FactStore<G>::announce_own(const ChainId& author, FactKind kind, std::uint32_t high_water) {
+  Chain* const chain = rumoured(author, kind, high_water);
+  if (chain == nullptr) return;
+  const auto k = static_cast<std::size_t>(kind);
+  chain->proven[k] = std::max(chain->proven[k], high_water);
+  chain->marks[k].high_water = chain->proven[k];
+}
+
+// Of a chain that is held.
+template <class G>
+void FactStore<G>::prove(const ChainId& id, FactKind kind, std::uint32_t high_water) {
+  Chain& chain = chains_.at(id);
+  const auto k = static_cast<std::size_t>(kind);
+  chain.proven[k] = std::max(chain.proven[k], high_water);
+  chain.marks[k].high_water = std::max(chain.marks[k].high_water, high_water);
+}
+
+template <class G>
+void FactStore<G>::forget_rumours(const ChainId& id) {
+  const auto chain = chains_.find(id);
+  if (chain == chains_.end() || chain->second.facts > 0) return;
+  chains_.erase(chain);
+  --rumoured_;
 }
 
 namespace {
 
 template <class Sequence>
-std::vector<IndexRange> holes(const Sequence& held, std::uint32_t high_water, std::size_t max_ranges) {
+std::vector<IndexRange> holes(const Sequence& held, std::uint32_t high_water, std::size_t max_ranges,
+                              std::uint32_t next) {
   std::vector<IndexRange> ranges;
-  std::uint32_t next = 0;
-  for (auto it = held.begin(); ranges.size() < max_ranges; ++it) {
+  for (auto it = held.lower_bound(next); ranges.size() < max_ranges; ++it) {
     const std::uint32_t index = it == held.end() ? high_water : std::min(it->first, high_water);
     if (next < index) ranges.push_back({next, index});
     if (it == held.end() || index == high_water) break;
@@ -325,13 +371,14 @@ std::vector<IndexRange> holes(const Sequence& held, std::uint32_t high_water, st
 }  // namespace
 
 template <class G>
-std::vector<IndexRange> FactStore<G>::missing(const ChainId& id, FactKind kind, std::size_t max_ranges) const {
+std::vector<IndexRange> FactStore<G>::missing(const ChainId& id, FactKind kind, std::size_t max_ranges,
+                                              std::uint32_t from) const {
   const auto it = chains_.find(id);
   if (it == chains_.end()) return {};
   const Chain& chain = it->second;
   const ChainMark& mark = chain.marks[static_cast<std::size_t>(kind)];
   if (mark.count == mark.high_water) return {};
-  return with_sequence(chain, kind, [&](const auto& held) { return holes(held, mark.high_water, max_ranges); });
+  return with_sequence(chain, kind, [&](const auto& held) { return holes(held, mark.high_water, max_ranges, from); });
 }
 
 template <class G>
@@ -348,7 +395,8 @@ std::vector<ChainMark> FactStore<G>::marks_of(const ChainId& id) const {
   const auto chain = chains_.find(id);
   if (chain == chains_.end()) return marks;
   for (int kind = 0; kind < fact_kind_count; ++kind)
-    if (ChainMark mark = chain->second.marks[static_cast<std::size_t>(kind)]; mark.high_water > 0) {
+    if (ChainMark mark = chain->second.marks[static_cast<std::size_t>(kind)];
+        (mark.high_water = chain->second.proven[static_cast<std::size_t>(kind)]) > 0) {
       mark.chain = id;
       mark.kind = static_cast<FactKind>(kind);
       marks.push_back(mark);

@@ -53,7 +53,8 @@ struct FactLimits {
   /// them. A landmark takes 0.4 KB of memory.
   std::uint32_t max_chains_per_vehicle = 1000;
   std::uint64_t max_facts_per_vehicle = 500'000;
-  std::vector<VehicleId> roster;  ///< vehicles accepted; empty: everyone
+  std::uint32_t max_rumoured_chains = 256;  ///< of which no fact is held; what is said of more is not believed
+  std::vector<VehicleId> roster;            ///< vehicles accepted; empty: everyone
 };
 
 template <class G>
@@ -97,6 +98,9 @@ class FactStore {
     Sequence<WaypointFact<G>> waypoints;
     std::map<std::uint32_t, std::vector<std::uint32_t>> batches;  ///< anchor -> its landmarks, ascending
     std::array<ChainMark, fact_kind_count> marks;
+    /// One past the highest index that its author or a fact held proves to exist: at most marks[kind].high_water.
+    std::array<std::uint32_t, fact_kind_count> proven{};
+    std::uint64_t facts = 0;   ///< held, of all kinds
     bool equivocated = false;  ///< its author used a key twice
   };
   const std::map<ChainId, Chain>& chains() const { return chains_; }
@@ -145,14 +149,26 @@ class FactStore {
   /// True if somebody has stated this hypothesis.
   bool stated(Hash hypothesis) const { return statements_.count(hypothesis) != 0; }
 
-  /// One past the highest index known to exist, held or announced. An announcement can only raise it.
-  void announce(const ChainId& chain, FactKind kind, std::uint32_t high_water);
+  /// The chain that this vehicle writes: it takes no share.
+  void set_own(const ChainId& chain) { own_ = chain; }
 
-  /// Indices known to exist and not held, ascending. At most `max_ranges`.
-  std::vector<IndexRange> missing(const ChainId& chain, FactKind kind, std::size_t max_ranges = 64) const;
+  /// Somebody says that there are facts up to `high_water`, one past the highest index. It can only raise the mark.
+  void announce(const ChainId& chain, FactKind kind, std::uint32_t high_water);
+  /// Their author says so: what others have said beyond that, and no fact proves, is forgotten.
+  void announce_own(const ChainId& author, FactKind kind, std::uint32_t high_water);
+  /// Forgets what is said of a chain of which no fact is held.
+  void forget_rumours(const ChainId& chain);
+  bool is_full_of_rumours() const { return rumoured_ >= limits_.max_rumoured_chains; }
+  /// Whether further facts of a vehicle are refused as over_share.
+  bool is_full(const ChainId& chain) const;
+
+  /// Indices said to exist and not held, ascending, from `from` on. At most `max_ranges`.
+  std::vector<IndexRange> missing(const ChainId& chain, FactKind kind, std::size_t max_ranges = 64,
+                                  std::uint32_t from = 0) const;
   std::uint64_t missing_count() const;
 
-  /// Every (chain, kind) with at least one fact held or announced, in canonical order.
+  /// Every (chain, kind) of which at least one fact is proven to exist, in canonical order. Only what is proven is
+  /// told, so that a false announcement goes no further.
   std::vector<ChainMark> marks() const;
   /// Those of one chain.
   std::vector<ChainMark> marks_of(const ChainId& chain) const;
@@ -186,17 +202,20 @@ class FactStore {
   Insertion keep(Sequence<Fact> Chain::*sequence, FactKind kind, const Fact& fact, Insertion check);
   Insertion count(Insertion result);
   bool has_room_for(const ChainId& chain) const;
-  Chain& open(const ChainId& chain);
+  Chain* rumoured(const ChainId& chain, FactKind kind, std::uint32_t high_water);
+  void prove(const ChainId& chain, FactKind kind, std::uint32_t high_water);
   Insertion check(const Key& key) const;
   Insertion check(const ChainState<G>& state) const;
   Insertion check(const PersistentDrift& persistent) const;
 
   FactLimits limits_;
-  /// What is held of one vehicle.
+  /// What is held of one vehicle, own chain aside.
   struct Share {
     std::uint32_t chains = 0;
     std::uint64_t facts = 0;
   };
+  ChainId own_;
+  std::uint32_t rumoured_ = 0;  // chains of which no fact is held
   std::map<ChainId, Chain> chains_;
   std::map<VehicleId, Share> shares_;
   std::map<Hash, std::uint32_t> statements_;  // hypotheses by content: digest counts each once

@@ -216,13 +216,13 @@ TEST(Convert, PoseWithRememberedLandmarksRoundTrip) {
 
 TEST(Convert, RequestRoundTrip) {
   for (int kind = 0; kind < fact_kind_count; ++kind) {
-    const Request request{author, static_cast<FactKind>(kind), {{1, 2}, {5, 900}}, kind % 2 == 0};
+    const Request request{author, static_cast<FactKind>(kind), {{1, 2}, {5, 900}}, static_cast<std::uint8_t>(kind)};
     const auto message = round_trip<v1::RequestPubSubType>(request);
     const auto& got = std::get<Request>(message.payload);
     EXPECT_EQ(got.target, request.target);
     EXPECT_EQ(got.kind, request.kind);
     EXPECT_EQ(got.ranges, request.ranges);
-    EXPECT_EQ(got.anybody, request.anybody);
+    EXPECT_EQ(got.in_vain, request.in_vain);
   }
 }
 
