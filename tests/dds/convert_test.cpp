@@ -438,8 +438,7 @@ TEST(Convert, RefusesLandmarksInAnotherFormThanTheirs) {
   EXPECT_EQ(spoilt([](L& s) { s.kind() = {0, 0}; }), WireStatus::not_canonical);
   EXPECT_EQ(spoilt([](L& s) { s.kind().clear(); }), WireStatus::ok);
   EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind() = {0, 0}; }), WireStatus::not_canonical);
-  EXPECT_EQ(spoilt([](L& s) { s.loading().assign(2 * 4, 0); }), WireStatus::not_canonical)
-      << "a last column of zeros";
+  EXPECT_EQ(spoilt([](L& s) { s.loading().assign(2 * 4, 0); }), WireStatus::not_canonical) << "a last column of zeros";
 }
 
 TEST(Convert, RefusesToSendWhatIsNotRounded) {
@@ -513,7 +512,8 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   EXPECT_EQ(status_of(request, [](auto& s) { s.ranges().resize(65, s.ranges()[0]); }), WireStatus::too_many);
 
   v1::Digest digest;
-  ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 12.5, 5, 1, 2, 3, 4}, digest), WireStatus::ok);
+  ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 12.5, 5, 1, 2, 3, 4}, digest),
+            WireStatus::ok);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(3); }), WireStatus::ok) << "for its receiver to count";
   EXPECT_EQ(status_of(digest, [](auto& s) { s.dimension(4); }), WireStatus::wrong_dimension);
   EXPECT_EQ(status_of(digest, [](auto& s) { s.marks()[0].kinds(3); }), WireStatus::wrong_size);
