@@ -119,8 +119,9 @@ class SubmapManager {
   /// if the static bias is not finite or its covariance is none, or if `persistent` is out of range.
   void open_chain(double stamp_s, const std::optional<Estimate<G>>& static_bias,
                   const PersistentDrift& persistent = {});
-  /// A closing anchor with its batch; key and anchor of the landmarks are set here, and they are rounded(). What is not fit to be a fact (not
-  /// finite, no covariance) is left out and counted, and takes no index. Returns the index of each landmark given.
+  /// A closing anchor with its batch; key and anchor of the landmarks are set here, and they are rounded(). What is not
+  /// fit to be a fact (not finite, no covariance) is left out and counted, and takes no index. Returns the index of
+  /// each landmark given.
   std::vector<std::optional<std::uint32_t>> publish_segment(const ChainState<G>& closing,
                                                             std::vector<LandmarkFact<G>> batch);
   /// False if the same hypothesis is already held, or if there is none.

@@ -441,8 +441,7 @@ TEST(Convert, RefusesLandmarksInAnotherFormThanTheirs) {
   EXPECT_EQ(spoilt([](L& s) { s.kind() = {0, 0}; }), WireStatus::not_canonical);
   EXPECT_EQ(spoilt([](L& s) { s.kind().clear(); }), WireStatus::ok);
   EXPECT_EQ(spoilt([](L& s) { s.descriptor_kind() = {0, 0}; }), WireStatus::not_canonical);
-  EXPECT_EQ(spoilt([](L& s) { s.loading().assign(2 * 4, 0); }), WireStatus::not_canonical)
-      << "a last column of zeros";
+  EXPECT_EQ(spoilt([](L& s) { s.loading().assign(2 * 4, 0); }), WireStatus::not_canonical) << "a last column of zeros";
 }
 
 TEST(Convert, RefusesToSendWhatIsNotRounded) {
