@@ -103,7 +103,7 @@ LandmarkFact<G> rounded(LandmarkFact<G> l) {
   if (!block || !fits_single(l.position) || !fits_single(l.covariance)) return l;
   using Covariance = typename G::PointCovariance;
   const typename G::Loading loading = loading_of(*block), change = loading - l.loading;
-  const Covariance own = l.own_covariance() + change * change.transpose();
+  const Covariance own = l.own_covariance() + 8.0 * change * change.transpose();
   const Covariance covariance = raised(symmetrised(Covariance(own + loading * loading.transpose())));
   if (!fits_single(covariance)) return l;
   l.position = to_single(l.position);

@@ -39,9 +39,9 @@ std::size_t columns_of(const typename G::Loading& loading);
 /// The landmark as it may be stated: its position in single precision (off by 4e-6 m within 100 m of the anchor), its
 /// loading in block floating point, its covariance in single precision; a descriptor of no kind has no bytes.
 ///
-/// With D what was added to the loading, the landmark's own covariance grows by D D^T, and by some 1e-7 of the whole
+/// With D what was added to the loading, the landmark's own covariance grows by 8 D D^T, and by some 1e-7 of the whole
 /// covariance, so that it stays positive semidefinite: the covariance of the difference of two landmarks of a batch is
-/// never stated smaller than a quarter of what it was. A landmark that is_rounded() is left as it is. So is one that
+/// never stated smaller than 4/5 of what it was. A landmark that is_rounded() is left as it is. So is one that
 /// cannot be rounded, since it has a number that is not finite or beyond single precision.
 template <class G>
 [[nodiscard]] LandmarkFact<G> rounded(LandmarkFact<G> landmark);

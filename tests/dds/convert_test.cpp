@@ -513,6 +513,7 @@ TEST(Convert, RefusesBadRequestsDigestsPosesAndAssociations) {
   EXPECT_EQ(status_of(request, [](auto& s) { s.kind(static_cast<v1::FactKind>(77)); }), WireStatus::unknown_enum);
   EXPECT_EQ(status_of(request, [](auto& s) { s.ranges()[0].end(1); }), WireStatus::out_of_range);
   EXPECT_EQ(status_of(request, [](auto& s) { s.ranges().resize(65, s.ranges()[0]); }), WireStatus::too_many);
+  EXPECT_EQ(status_of(request, [](auto& s) { s.ranges().resize(2, s.ranges()[0]); }), WireStatus::not_canonical);
 
   v1::Digest digest;
   ASSERT_EQ(to_wire<SE2>(sender, Digest{2, {{author, FactKind::prior, 1, 1, 1}}, 12.5, 5, 1, 2, 3, 4}, digest),

@@ -162,9 +162,9 @@ TEST(Hardening, AVehicleFillsItsOwnShareAndNoOther) {
   EXPECT_EQ(store.size(), 10U);
   EXPECT_EQ(store.insertions()[static_cast<std::size_t>(Insertion::over_share)], 10U);
   EXPECT_EQ(store.insert(anchor_fact({3, 1}, 5)), Insertion::duplicate);
-  for (Epoch e = 1; e <= 20; ++e) store.announce({4, e}, FactKind::landmark, 1000);
+  for (Epoch e = 1; e <= 20; ++e)
+    EXPECT_EQ(store.insert(anchor_fact({4, e}, 0)), e <= 3 ? Insertion::inserted : Insertion::over_share);
   EXPECT_EQ(store.chains().size(), 4U);
-  EXPECT_EQ(store.insert(anchor_fact({4, 9}, 0)), Insertion::over_share);
   EXPECT_EQ(store.insert(anchor_fact({5, 1}, 0)), Insertion::inserted);
 }
 // A stranger's fact under a key of ours is no answer to who asked for the true one: ours must still be sent.

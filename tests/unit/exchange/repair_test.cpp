@@ -29,6 +29,8 @@ class Peer {
         params_(params),
         repair_(self_, params, 1000 + vehicle),
         exchange_(network.join(impairment)) {}
+  Peer(VehicleId vehicle, std::unique_ptr<SubmapExchange<SE2>> exchange)
+      : self_(chain_of(vehicle)), repair_(self_, {}, 1000 + vehicle), exchange_(std::move(exchange)) {}
 
   /// Keeps a fact of its own and sends it, or keeps silent about it.
   void publish(const test::Fact& fact, bool send = true) {
@@ -378,33 +380,33 @@ TEST(Repair, TheAuthorIsAskedFirstAndAnybodyWhenThatWasInVain) {
   test::Store store;
   Digest digest;
   digest.marks = {{chain_of(1), FactKind::anchor, 5, 5, 0}};
-  std::vector<bool> anybody;
+  std::vector<int> in_vain;
   const auto ask = [&](double from_s, double until_s, bool author_is_heard) {
-    anybody.clear();
+    in_vain.clear();
     for (double now_s = from_s; now_s < until_s; now_s += 0.05) {
       if (author_is_heard) repair.on_digest(store, chain_of(1), digest, now_s);
-      for (const auto& payload : repair.due(store, now_s)) anybody.push_back(std::get<Request>(payload).anybody);
+      for (const auto& payload : repair.due(store, now_s)) in_vain.push_back(std::get<Request>(payload).in_vain);
     }
   };
   ask(0.0, 2.5, true);
-  ASSERT_GE(anybody.size(), 3U);
-  EXPECT_FALSE(anybody[0]);
-  EXPECT_EQ(std::count(anybody.begin() + 1, anybody.end(), true), static_cast<std::ptrdiff_t>(anybody.size()) - 1);
-  store.insert(test::anchor(1, 0));  // it has answered
+  ASSERT_GE(in_vain.size(), 3U);
+  for (std::size_t i = 0; i < in_vain.size(); ++i) EXPECT_EQ(in_vain[i], i);
+  for (std::uint32_t k = 0; k < 3; ++k) store.insert(test::anchor(1, k));  // it has answered
   ask(2.5, 4.5, true);
-  ASSERT_GE(anybody.size(), 2U);
-  EXPECT_FALSE(anybody[0]);
-  store.insert(test::anchor(1, 1));
+  ASSERT_GE(in_vain.size(), 2U);
+  EXPECT_EQ(in_vain[0], 0);
+  EXPECT_EQ(in_vain[1], 1);
+  for (std::uint32_t k = 3; k < 4; ++k) store.insert(test::anchor(1, k));
   ask(100.0, 102.0, false);  // nothing was heard of it for long
-  ASSERT_GE(anybody.size(), 2U);
-  EXPECT_TRUE(anybody[0]);
+  ASSERT_GE(in_vain.size(), 2U);
+  EXPECT_EQ(in_vain[0], 1);
 }
 
 TEST(Repair, OnlyTheAuthorAnswersWhatItIsAskedAlone) {
   test::Store store;
   for (std::uint32_t k = 0; k < 3; ++k) store.insert(test::anchor(1, k));
   RepairProtocol<SE2> author(chain_of(1), {}, 1), other(chain_of(3), {}, 1);
-  const Request request{chain_of(1), FactKind::anchor, {{0, 3}}, false};
+  const Request request{chain_of(1), FactKind::anchor, {{0, 3}}, 0};
   for (auto* repair : {&author, &other}) repair->on_request(store, chain_of(2), request, 1.0);
   EXPECT_EQ(author.due(store, 1.0).size(), 3U);
   EXPECT_TRUE(other.due(store, 10.0).empty());
@@ -453,6 +455,147 @@ TEST(Repair, OfFortyRelayersFewAnswerAndWholeBatches) {
   for (const auto& peer : peers) relayed += peer->counters().facts_relayed;
   EXPECT_GE(relayed, batches * (landmarks + 1));
   EXPECT_LT(relayed, 2 * batches * (landmarks + 1));  // 39 could have answered each
+}
+
+// Nobody has the first ones; they do not keep the others from being asked for.
+TEST(Repair, WhatNobodyHasDoesNotHideWhatSomebodyHas) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  for (std::uint32_t k = 1; k < 1000; k += 2) peers[0]->publish(test::anchor(9, k), false);
+  for (std::uint32_t k = 0; k < 1000; k += 4) {
+    peers[1]->publish(test::anchor(9, k + 1), false);
+    peers[1]->publish(test::anchor(9, k + 2), false);
+  }
+  run(peers, 0.0, 60.0);
+  EXPECT_EQ(peers[0]->store.size(), 750U);
+  EXPECT_EQ(peers[1]->store.size(), 750U);
+}
+
+/// Who hears whom, besides themselves.
+class Deaf final : public SubmapExchange<SE2> {
+ public:
+  Deaf(std::unique_ptr<SubmapExchange<SE2>> inner, VehicleId to) : inner_(std::move(inner)), to_(to) {}
+  SendStatus send(const Message<SE2>& message) override { return inner_->send(message); }
+  std::vector<Message<SE2>> take(double now_s) override {
+    auto messages = inner_->take(now_s);
+    std::erase_if(messages, [&](const auto& m) { return m.sender.vehicle == to_; });
+    return messages;
+  }
+  ExchangeCounters counters() const override { return inner_->counters(); }
+
+ private:
+  std::unique_ptr<SubmapExchange<SE2>> inner_;
+  VehicleId to_;
+};
+
+// 3 does not hear the author, which hears 3 and answers it; 2, which hears both, must not leave it at that.
+TEST(Repair, AnAnswerThatIsNotHeardByWhoAskedDoesNotKeepOthersQuietForEver) {
+  InProcessNetwork<SE2> network;
+  Peers peers;
+  for (const VehicleId v : {1U, 2U}) peers.push_back(std::make_unique<Peer>(v, network));
+  peers.push_back(std::make_unique<Peer>(3, std::make_unique<Deaf>(network.join(), 1)));
+  for (const auto& fact : test::chain_facts(1, 5)) peers[0]->publish(fact);
+  const double took_s = run(peers, 0.0, 60.0, [&] { return all_equal(peers); });
+  EXPECT_TRUE(all_equal(peers));
+  EXPECT_LT(took_s, 30.0);
+}
+
+TEST(Repair, WhoAsksForMuchDoesNotKeepOthersWaiting) {
+  RepairParams params;
+  params.answers_per_s = 100.0;
+  params.resend_s = 0.0;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store;
+  for (std::uint32_t k = 0; k < 4000; ++k) store.insert(test::anchor(1, k));
+  double served_s = -1.0;
+  for (double now_s = 0.0; now_s < 60.0 && served_s < 0.0; now_s += step_s) {
+    for (int i = 0; i < 5; ++i)
+      repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{0, 4000}}}, now_s);
+    if (now_s > 30.0) repair.on_request(store, chain_of(3), {chain_of(1), FactKind::anchor, {{3999, 4000}}}, now_s);
+    for (const auto& payload : repair.due(store, now_s))
+      if (now_s > 30.0 && std::get<AnchorFact<SE2>>(payload).key.index == 3999) served_s = now_s;
+  }
+  EXPECT_GT(served_s, 0.0);
+  EXPECT_LT(served_s, 32.0);
+}
+
+TEST(Repair, NotAllIsAskedForAtOnceAndNothingIsLeftOut) {
+  RepairParams params;
+  params.asks_per_s = 20.0;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store;
+  for (VehicleId v = 2; v <= 101; ++v) store.announce(chain_of(v), FactKind::anchor, 3);
+  std::map<VehicleId, int> asked;
+  for (double now_s = 0.0; now_s < 20.0; now_s += step_s)
+    for (const auto& payload : repair.due(store, now_s)) ++asked[std::get<Request>(payload).target.vehicle];
+  EXPECT_EQ(asked.size(), 100U);
+  EXPECT_LE(repair.counters().requests_sent, 20U * 21U);
+  EXPECT_GT(repair.counters().requests_waiting, 0U);
+}
+
+TEST(Repair, WhatOthersSayOfAChainIsGivenUpWhenThereIsTooMuch) {
+  FactLimits limits;
+  limits.max_rumoured_chains = 20;
+  RepairParams params;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store(limits);
+  const auto digest_of = [](VehicleId from) {
+    Digest digest;
+    for (VehicleId v = from; v < from + 20; ++v) digest.marks.push_back({chain_of(v), FactKind::anchor, 5, 5, 0});
+    return digest;
+  };
+  repair.on_digest(store, chain_of(9), digest_of(100), 0.0);
+  for (double now_s = 0.0; now_s < 2.0 * params.lost_after_s; now_s += 1.0) {
+    (void)repair.due(store, now_s);
+    repair.on_digest(store, chain_of(9), digest_of(200), now_s);
+  }
+  EXPECT_EQ(store.chains().begin()->first, chain_of(200)) << "the first ones were never served";
+  EXPECT_EQ(store.chains().size(), 20U);
+}
+
+TEST(Repair, WhoComesIsAskedWhatNobodyHad) {
+  RepairParams params;
+  RepairProtocol<SE2> repair(chain_of(2), params, 1);
+  test::Store store;
+  store.announce(chain_of(1), FactKind::anchor, 5);
+  double now_s = 0.0;
+  for (; now_s < 200.0; now_s += step_s) (void)repair.due(store, now_s);
+  EXPECT_EQ(repair.lost_count(), 5U);
+  repair.on_digest(store, chain_of(3), {}, now_s);
+  bool asked = false;
+  for (const double end_s = now_s + 2.5 * params.grace_s; now_s < end_s; now_s += step_s)
+    asked = asked || !repair.due(store, now_s).empty();
+  EXPECT_TRUE(asked);
+}
+
+TEST(Repair, WhoAsksForWhatWasNeverWrittenIsToldSo) {
+  RepairParams params;
+  params.digest_period_s = params.digest_idle_s = 100.0;
+  RepairProtocol<SE2> repair(chain_of(1), params, 1);
+  test::Store store;
+  store.insert(test::anchor(1, 0));
+  ASSERT_TRUE(repair.digest_due(store, 0.0));
+  EXPECT_FALSE(repair.digest_due(store, 5.0));
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{0, 1}}}, 5.0);
+  EXPECT_FALSE(repair.digest_due(store, 6.0));
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::anchor, {{1, 9}}}, 6.0);
+  const auto marks = repair.digest_due(store, 6.3);
+  ASSERT_TRUE(marks);
+  ASSERT_EQ(marks->size(), 1U);
+  EXPECT_EQ((*marks)[0].high_water, 1U);
+}
+
+TEST(Repair, WhatIsRefusedForItsAuthorsShareIsNotAskedForAllTheTime) {
+  FactLimits limits;
+  limits.max_facts_per_vehicle = 3;
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  test::Store store(limits);
+  for (std::uint32_t k = 0; k < 3; ++k) store.insert(test::anchor(1, k));
+  store.announce(chain_of(1), FactKind::anchor, 100);
+  std::size_t requests = 0;
+  for (double now_s = 0.0; now_s < 600.0; now_s += 1.0) requests += repair.due(store, now_s).size();
+  EXPECT_LE(requests, 14U);
 }
 
 TEST(Repair, AnswersAreLimitedInRateAndNoneIsForgotten) {

@@ -337,6 +337,77 @@ TEST(FactStore, AnnouncementsMakeLostTailsVisible) {
   EXPECT_TRUE(store.missing(chain_of(1), FactKind::anchor).empty());
 }
 
+TEST(FactStore, OnlyWhatIsProvenIsToldFurther) {
+  Store store, further;
+  store.insert(anchor(1, 0));
+  store.announce(chain_of(1), FactKind::anchor, 9000);
+  EXPECT_EQ(store.missing_count(), 8999U);
+  EXPECT_EQ(store.marks(), (std::vector<ChainMark>{{chain_of(1), FactKind::anchor, 1, 1, hash_of(anchor(1, 0))}}));
+  store.announce_own(chain_of(1), FactKind::anchor, 3);
+  EXPECT_EQ(store.missing(chain_of(1), FactKind::anchor), (std::vector<IndexRange>{{1, 3}})) << "its author knows";
+  EXPECT_EQ(store.marks()[0].high_water, 3U);
+  store.insert(anchor(1, 5));  // said before that
+  store.announce_own(chain_of(1), FactKind::anchor, 2);
+  EXPECT_EQ(store.marks()[0].high_water, 6U);
+  EXPECT_EQ(store.missing(chain_of(1), FactKind::anchor), (std::vector<IndexRange>{{1, 5}}));
+}
+
+TEST(FactStore, ChainsThatAreOnlyTalkedOfAreFewAndTakeNobodysShare) {
+  FactLimits limits;
+  limits.max_rumoured_chains = 10;
+  limits.max_chains_per_vehicle = 3;
+  Store store(limits);
+  for (Epoch e = 1; e <= 1000; ++e) store.announce({7, e}, FactKind::anchor, 5);
+  EXPECT_EQ(store.chains().size(), 10U);
+  EXPECT_TRUE(store.is_full_of_rumours());
+  EXPECT_TRUE(store.marks().empty());
+  for (const Epoch e : {5U, 600U, 601U}) {
+    auto fact = anchor(7, 0);
+    fact.key.chain.epoch = e;
+    EXPECT_EQ(store.insert(fact), Insertion::inserted) << e;
+  }
+  EXPECT_FALSE(store.is_full_of_rumours()) << "one of them is there";
+  EXPECT_EQ(store.chains().size(), 12U);
+  store.forget_rumours({7, 1});
+  store.forget_rumours({7, 5});  // not only talked of
+  EXPECT_EQ(store.chains().size(), 11U);
+  EXPECT_EQ(store.missing_count(), 8U * 5U + 4U);
+}
+
+TEST(FactStore, OnesOwnChainTakesNoShare) {
+  FactLimits limits;
+  limits.max_chains_per_vehicle = 2;
+  limits.max_facts_per_vehicle = 4;
+  Store store(limits);
+  store.set_own({1, 9});
+  for (Epoch e = 1; e <= 8; ++e) {
+    auto fact = anchor(1, 0);
+    fact.key.chain.epoch = e;
+    EXPECT_EQ(store.insert(fact), e <= 2 ? Insertion::inserted : Insertion::over_share);
+  }
+  EXPECT_TRUE(store.is_full({1, 3}));
+  EXPECT_FALSE(store.is_full({1, 9}));
+  for (std::uint32_t k = 0; k < 20; ++k) {
+    auto fact = anchor(1, k);
+    fact.key.chain.epoch = 9;
+    EXPECT_EQ(store.insert(fact), Insertion::inserted);
+  }
+  store.announce({1, 9}, FactKind::anchor, 100);
+  EXPECT_EQ(store.missing_count(), 0U) << "nobody knows more of it";
+}
+
+TEST(FactStore, HolesAreNamedFromWhereOneWishes) {
+  Store store;
+  for (const std::uint32_t k : {2U, 4U, 6U}) store.insert(anchor(1, k));
+  const auto holes = [&](std::size_t most, std::uint32_t from) {
+    return store.missing(chain_of(1), FactKind::anchor, most, from);
+  };
+  EXPECT_EQ(holes(2, 0), (std::vector<IndexRange>{{0, 2}, {3, 4}}));
+  EXPECT_EQ(holes(2, 4), (std::vector<IndexRange>{{5, 6}}));
+  EXPECT_EQ(holes(2, 1), (std::vector<IndexRange>{{1, 2}, {3, 4}}));
+  EXPECT_TRUE(holes(2, 7).empty());
+}
+
 TEST(FactStore, EveryKindHasGapsOfItsOwn) {
   Store store;
   for (int kind = 0; kind < fact_kind_count; ++kind) {
