@@ -19,11 +19,19 @@ int AssociationComponent<G>::step(int max_searches, std::uint64_t max_nodes) {
   const std::uint64_t before = counters_.search_nodes;
   int done = 0;
   for (; done < max_searches && counters_.search_nodes - before < max_nodes; ++done) {
-    const std::optional<Search> search = next();
-    if (!search) break;
-    run(*search);
+    std::optional<Work> work = begin();
+    if (!work) break;
+    search(*work);
+    finish(*work);
   }
   return done;
+}
+
+template <class G>
+auto AssociationComponent<G>::begin() -> std::optional<Work> {
+  const std::optional<Search> due = next();
+  if (!due) return std::nullopt;
+  return Work{*due, reached_pair(manager_.store(), due->a, due->b, due->reach, params_)};
 }
 
 template <class G>
@@ -83,10 +91,10 @@ void AssociationComponent<G>::queue(const Search& search) {
 }
 
 template <class G>
-void AssociationComponent<G>::run(const Search& search) {
-  const auto& [a, b, reach] = search;
+void AssociationComponent<G>::finish(const Work& work) {
+  const auto& [a, b, reach] = work.search;
+  const AssociationResult<G>& result = work.result;
   ++counters_.searches;
-  const auto result = associate(manager_.store(), a, b, reach, params_, looks_alike_);
   counters_.search_nodes += result.nodes;
   if (result.decision == Decision::accepted) ++counters_.accepted;
   else ++counters_.rejected[static_cast<std::size_t>(result.rejection)];

@@ -37,21 +37,33 @@ class AssociationComponent {
   /// once they have come to `max_nodes` (about 10 ms). Returns how many it did; 0: nothing left to do.
   int step(int max_searches = 8, std::uint64_t max_nodes = 100'000);
 
-  const AssociationCounters& counters() const { return counters_; }
-
- private:
+  // ---- the same for one search at a time, of which the long part needs nobody's facts ----
   struct Search {
     Key a, b;  // a < b
     Reach reach = Reach::alone;
   };
+  struct Work {
+    Search search;
+    ReachedPair<G> pair;
+    AssociationResult<G> result = {};
+  };
+  /// Call it when facts have come, before begin().
+  void find_new_batches();
+  /// Empty: nothing left to do.
+  std::optional<Work> begin();
+  /// From any thread, while anything but this work is used.
+  void search(Work& work) const { work.result = associate(work.pair, params_, looks_alike_); }
+  void finish(const Work& work);
+
+  const AssociationCounters& counters() const { return counters_; }
+
+ private:
   struct Round {
     Key batch;
     std::size_t left;  // how many of `searched_` it is still to be compared with, the last of them first
   };
-  void find_new_batches();
   std::optional<Search> next();
   void queue(const Search& search);
-  void run(const Search& search);
 
   SubmapManager<G>& manager_;
   AssociationParams params_;

@@ -24,6 +24,7 @@ ExchangeCounters sum(ExchangeCounters a, const ExchangeCounters& b) {
 
 constexpr std::chrono::milliseconds waiting_for_budget{5}, idle{200};
 constexpr double watch_period_s = 0.5;
+constexpr double farewell_s = 1.0;  // to send what waits when it ends
 
 }  // namespace
 
@@ -39,6 +40,7 @@ ExchangeWorker<G>::~ExchangeWorker() {
   {
     const std::lock_guard lock(mutex_);
     stop_ = true;
+    stop_by_s_ = steady_s() + farewell_s;
   }
   wake_.notify_one();
   thread_.join();
@@ -62,7 +64,11 @@ std::vector<Message<G>> ExchangeWorker<G>::take(double now_s) {
     const std::lock_guard lock(mutex_);
     network = network_;
   }
-  return network ? network->take(now_s) : std::vector<Message<G>>{};
+  if (!network) return {};
+  auto messages = network->take(now_s);
+  const std::lock_guard lock(mutex_);
+  listened_s_ = steady_s();
+  return messages;
 }
 
 template <class G>
@@ -95,29 +101,42 @@ void ExchangeWorker<G>::run() {
   std::unique_lock lock(mutex_);
   double watched_s = steady_s();
   while (!stop_) {
-    send_what_may(lock);
+    attempt(lock, [&] { send_what_may(lock); });
     if (const double now_s = steady_s(); now_s >= watched_s + watch_period_s) {
       watched_s = now_s;
-      watch(lock, now_s);
+      attempt(lock, [&] { watch(lock, now_s); });
     }
     if (outbox_.empty()) wake_.wait_for(lock, idle, [this] { return stop_ || !outbox_.empty(); });
     else wake_.wait_for(lock, waiting_for_budget, [this] { return stop_; });
   }
-  send_what_may(lock);
+  attempt(lock, [&] { send_what_may(lock); });
   network_.reset();
+}
+
+// Whatever it throws: the thread goes on, with the lock.
+template <class G>
+template <class Part>
+void ExchangeWorker<G>::attempt(std::unique_lock<std::mutex>& lock, Part part) {
+  try {
+    part();
+  } catch (...) {
+    if (!lock.owns_lock()) lock.lock();
+    add_current(counters_.failures);
+  }
 }
 
 // The lock is open while the network has the message.
 template <class G>
 void ExchangeWorker<G>::send_what_may(std::unique_lock<std::mutex>& lock) {
-  while (network_) {
+  while (network_ && !(stop_ && steady_s() >= stop_by_s_)) {
     auto message = outbox_.next(steady_s(), counters_locked().bytes_sent);
     if (!message) return;
     const auto network = network_;
     lock.unlock();
     const SendStatus status = network->send(*message);
     lock.lock();
-    if (status == SendStatus::sent) continue;
+    if (status == SendStatus::unfit) outbox_.give_up();
+    if (status == SendStatus::sent || status == SendStatus::unfit) continue;
     outbox_.put_back(std::move(*message));
     return;
   }
@@ -129,7 +148,7 @@ void ExchangeWorker<G>::watch(std::unique_lock<std::mutex>& lock, double now_s) 
     if (watchdog_.rested(now_s)) reopen(lock, now_s);
     return;
   }
-  const Ailment ailment = watchdog_.observe(now_s, network_->live_peers(), counters_locked());
+  const Ailment ailment = watchdog_.observe(now_s, network_->live_peers(), counters_locked(), listened_s_);
   if (ailment == Ailment::none) return;
   counters_.last_ailment = ailment;
   reopen(lock, now_s);
@@ -142,17 +161,17 @@ void ExchangeWorker<G>::reopen(std::unique_lock<std::mutex>& lock, double now_s)
   lock.unlock();
   old.reset();  // if somebody is taking from it right now, it goes when that is done
   std::shared_ptr<SubmapExchange<G>> network;
-  std::string error;
+  Failures failures;
   try {
     network = open_();
-  } catch (const std::exception& failure) {
-    error = failure.what();
+  } catch (...) {
+    add_current(failures);
   }
   lock.lock();
   network_ = std::move(network);
   watchdog_.reopened(now_s);
   ++(network_ ? counters_.reopened : counters_.reopen_failed);
-  if (!network_) counters_.last_error = error;
+  if (!network_) counters_.last_error = failures.last_error;
 }
 
 #define CONVOY_INSTANTIATE(G) template class ExchangeWorker<G>;

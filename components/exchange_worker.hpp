@@ -3,6 +3,7 @@
 // that: they are in the stores, and the repair protocol brings them.
 #pragma once
 
+#include <convoy/components/failures.hpp>
 #include <convoy/exchange/outbox.hpp>
 #include <convoy/exchange/watchdog.hpp>
 
@@ -20,7 +21,8 @@ struct ExchangeWorkerCounters {
   std::uint64_t reopened = 0;       ///< times the network was opened anew
   std::uint64_t reopen_failed = 0;  ///< times that failed; it is tried again
   Ailment last_ailment = Ailment::none;
-  std::string last_error;  ///< of the last failure; empty: none
+  std::string last_error;  ///< of the last of these; empty: none
+  Failures failures;       ///< a network that threw where it must not
 };
 
 template <class G>
@@ -31,7 +33,7 @@ class ExchangeWorker final : public SubmapExchange<G> {
   /// Calls `open`, which may throw ConfigError, and again from its own thread whenever the network ails. Throws
   /// RangeError.
   ExchangeWorker(Open open, const BudgetParams& budget, const WatchdogParams& watchdog);
-  /// Sends what the budget allows at once, then closes the network.
+  /// Sends what the budget allows at once, for a second at most, then closes the network.
   ~ExchangeWorker() override;
   ExchangeWorker(const ExchangeWorker&) = delete;
   ExchangeWorker& operator=(const ExchangeWorker&) = delete;
@@ -46,6 +48,8 @@ class ExchangeWorker final : public SubmapExchange<G> {
 
  private:
   void run();
+  template <class Part>
+  void attempt(std::unique_lock<std::mutex>& lock, Part part);
   void send_what_may(std::unique_lock<std::mutex>& lock);
   void watch(std::unique_lock<std::mutex>& lock, double now_s);
   void reopen(std::unique_lock<std::mutex>& lock, double now_s);
@@ -59,7 +63,9 @@ class ExchangeWorker final : public SubmapExchange<G> {
   Watchdog watchdog_;
   ExchangeCounters closed_;  // of the networks before
   ExchangeWorkerCounters counters_;
+  double listened_s_ = -1e300;  // when somebody last took
   bool stop_ = false;
+  double stop_by_s_ = 0.0;
   std::thread thread_;
 };
 

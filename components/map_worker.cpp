@@ -11,7 +11,8 @@ template <class G>
 MapWorker<G>::MapWorker(const SubmapManagerParams& params, std::shared_ptr<const Backend<G>> backend)
     : backend_(std::move(backend)),
       replica_(params.limits),
-      builder_(params.selection, *backend_),
+      builder_(std::in_place, params.selection, *backend_),
+      selection_(params.selection),
       thread_([this] { run(); }) {}
 
 template <class G>
@@ -39,7 +40,9 @@ std::optional<BuiltMap<G>> MapWorker<G>::collect() {
   if (!ordered_) return std::nullopt;
   const std::lock_guard lock(mutex_);
   std::optional<BuiltMap<G>> built = std::exchange(built_, std::nullopt);
-  ordered_ = !built;
+  const std::exception_ptr failure = std::exchange(failure_, nullptr);
+  ordered_ = !built && !failure;
+  if (failure) std::rethrow_exception(failure);
   return built;
 }
 
@@ -63,17 +66,27 @@ void MapWorker<G>::run() {
     lock.unlock();
     retired.clear();
     std::optional<BuiltMap<G>> built;
-    if (order) built = build(std::move(*order));
+    std::exception_ptr failure;
+    try {
+      if (order) built = build(std::move(*order));
+    } catch (...) {
+      failure = std::current_exception();
+      builder_.emplace(selection_, *backend_);  // where the old one got to nobody knows
+    }
     lock.lock();
     if (built) built_ = std::move(built);
+    if (failure) failure_ = failure;
   }
 }
 
 template <class G>
 BuiltMap<G> MapWorker<G>::build(MapOrder<G> order) {
-  for (const AnyFact<G>& any : order.news) std::visit([&](const auto& fact) { replica_.insert(fact); }, any);
+  if (news_.empty()) news_ = std::move(order.news);
+  else news_.insert(news_.end(), order.news.begin(), order.news.end());
+  for (const AnyFact<G>& any : news_) std::visit([&](const auto& fact) { replica_.insert(fact); }, any);
+  news_.clear();
   const auto start = std::chrono::steady_clock::now();
-  BuiltMap<G> built{order.exact ? builder_.build(replica_) : builder_.update(replica_), order.revision};
+  BuiltMap<G> built{order.exact ? builder_->build(replica_) : builder_->update(replica_), order.revision};
   // The first question for a covariance pays for all of them: here, where nobody waits for the answer.
   for (const auto& [id, chain] : replica_.chains())
     if (!chain.anchors.empty()) built.map.map->pose(id, chain.anchors.rbegin()->second.state);

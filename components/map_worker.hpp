@@ -6,6 +6,7 @@
 #include <convoy/components/submap_manager.hpp>
 
 #include <condition_variable>
+#include <exception>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -27,7 +28,8 @@ class MapWorker {
   bool idle() const { return !ordered_; }
   /// Only when idle.
   void start(MapOrder<G> order);
-  /// The map of the last order, once it is there.
+  /// The map of the last order, once it is there. Throws what building it threw; what was ordered is not lost, but the
+  /// map has to be ordered again.
   std::optional<BuiltMap<G>> collect();
   /// Destroys a map in the worker's thread: a large one takes a while.
   void retire(GlobalMap<G> map);
@@ -39,7 +41,9 @@ class MapWorker {
   // Of the worker's thread alone.
   std::shared_ptr<const Backend<G>> backend_;
   FactStore<G> replica_;
-  MapBuilder<G> builder_;
+  std::vector<AnyFact<G>> news_;  // not in the replica yet
+  std::optional<MapBuilder<G>> builder_;
+  SelectionParams selection_;
 
   bool ordered_ = false;  // of the callers alone
 
@@ -47,6 +51,7 @@ class MapWorker {
   std::condition_variable wake_;
   std::optional<MapOrder<G>> order_;
   std::optional<BuiltMap<G>> built_;
+  std::exception_ptr failure_;
   std::vector<GlobalMap<G>> retired_;
   bool stop_ = false;
   std::thread thread_;  // last: everything else is there when it starts

@@ -1,6 +1,7 @@
 #include <convoy/components/submap_manager.hpp>
 #include <convoy/config_error.hpp>
 #include <convoy/geometry/chi2.hpp>
+#include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/ekf_map.hpp>
 #include <convoy/map/live_pose.hpp>
@@ -15,6 +16,8 @@
 namespace convoy {
 namespace {
 
+constexpr std::size_t max_rivals = 8;
+
 template <class G>
 std::shared_ptr<const Backend<G>> make_backend(MapBackend backend) {
   if (backend == MapBackend::ekf) return std::make_shared<EkfMap<G>>();
@@ -27,10 +30,62 @@ void validate(const ChainId& self, const SubmapManagerParams& p) {
   if (!(p.map_period_s > 0.0 && p.stale_peer_s > 0.0)) throw ConfigError("submap manager: periods must be > 0");
   if (!(p.exact_share >= 0.0)) throw ConfigError("submap manager: exact_share must be >= 0");
   if (!(p.rival_s > 0.0)) throw ConfigError("submap manager: rival_s must be > 0");
+  if (p.facts_per_step < 1) throw ConfigError("submap manager: facts_per_step must be >= 1");
   if (!(p.encounter_period_s >= 0.0)) throw ConfigError("submap manager: encounter_period_s must be >= 0");
   const auto& roster = p.limits.roster;
   if (!roster.empty() && std::find(roster.begin(), roster.end(), self.vehicle) == roster.end())
     throw ConfigError("submap manager: vehicle " + std::to_string(self.vehicle) + " is not on its own roster");
+}
+
+// To the bit, as the wire has it: R D R^T is symmetric but for rounding. One that was so already stays as it is.
+template <class Matrix>
+void symmetrise(Matrix& P) {
+  P = symmetrised(P);
+}
+template <class G>
+void symmetrise(ChainState<G>& state) {
+  symmetrise(state.drift);
+}
+template <class G>
+void symmetrise(AnchorFact<G>& fact) {
+  symmetrise(fact.state);
+}
+template <class G>
+void symmetrise(LandmarkFact<G>& fact) {
+  symmetrise(fact.covariance);
+}
+template <class G>
+void symmetrise(PriorFact<G>& fact) {
+  symmetrise(fact.covariance);
+}
+template <class G>
+void symmetrise(AbsoluteFixFact<G>& fact) {
+  symmetrise(fact.state);
+  symmetrise(fact.covariance);
+}
+template <class G>
+void symmetrise(EncounterFact<G>& fact) {
+  symmetrise(fact.state);
+  symmetrise(fact.covariance);
+}
+template <class G>
+void symmetrise(WaypointFact<G>& fact) {
+  symmetrise(fact.state);
+}
+template <class G>
+void symmetrise(LivePose<G>& live) {
+  symmetrise(live.state);
+  symmetrise(live.shared);
+  for (RememberedLandmark<G>& landmark : live.remembered) symmetrise(landmark.covariance);
+}
+
+/// In facts, about.
+template <class G>
+std::size_t work_in(const Payload<G>& payload) {
+  if (const auto* batch = std::get_if<LandmarkBatch<G>>(&payload)) return 1 + batch->landmarks.size();
+  if (const auto* association = std::get_if<AssociationFact>(&payload)) return 1 + association->pairings.size() / 8;
+  if (const auto* digest = std::get_if<Digest>(&payload)) return 1 + digest->marks.size();
+  return std::holds_alternative<Request>(payload) ? 64 : 1;
 }
 
 }  // namespace
@@ -64,8 +119,9 @@ void SubmapManager<G>::keep_in(Journal<G>& journal) {
 
 template <class G>
 bool SubmapManager<G>::refused() const {
-  return rival_ && rival_->chain.epoch <= self_.epoch && rival_->heard_s >= rival_->since_s + params_.rival_s &&
-         now_s_ <= rival_->heard_s + params_.stale_peer_s;
+  return std::any_of(rivals_.begin(), rivals_.end(), [&](const Rival& rival) {
+    return rival.heard_s >= rival.since_s + params_.rival_s && now_s_ <= rival.heard_s + params_.stale_peer_s;
+  });
 }
 
 template <class G>
@@ -79,17 +135,29 @@ void SubmapManager<G>::send(Payload<G> payload) {
 
 template <class G>
 template <class Fact>
-bool SubmapManager<G>::insert(const Fact& fact) {
-  if (store_.insert(fact) != Insertion::inserted) return false;
+Insertion SubmapManager<G>::insert(const Fact& fact) {
+  const Insertion result = store_.insert(fact);
+  if (result != Insertion::inserted) return result;
   if (orders_given_) news_.emplace_back(fact);
   if (journal_ != nullptr) journal_->append(fact, now_s_);
-  return true;
+  return result;
+}
+
+// Judged as it came, then made symmetric; which may cost it what little it was a covariance by.
+template <class G>
+template <class Fact>
+bool SubmapManager<G>::make_fit(Fact& fact) {
+  bool fit = store_.check(fact) == Insertion::inserted;
+  symmetrise(fact);
+  fit = fit && store_.check(fact) == Insertion::inserted;
+  counters_.facts_unfit += !fit;
+  return fit;
 }
 
 template <class G>
 template <class Fact>
 void SubmapManager<G>::publish(const Fact& fact) {
-  counters_.facts_published += insert(fact);
+  counters_.facts_published += insert(fact) == Insertion::inserted;
 }
 
 template <class G>
@@ -110,6 +178,7 @@ void SubmapManager<G>::open_chain(double stamp_s, const std::optional<Estimate<G
     throw ConfigError(std::string("submap manager: the static bias is refused (") + to_string(fit) +
                       "); give a finite pose, a symmetric positive semidefinite covariance, and a persistent drift "
                       "within its ranges");
+  symmetrise(prior);
   publish(start);
   publish(prior);
   send(start);
@@ -123,17 +192,17 @@ std::vector<std::optional<std::uint32_t>> SubmapManager<G>::publish_segment(cons
   auto& next_landmark = next_index_[static_cast<std::size_t>(FactKind::landmark)];
   std::vector<std::optional<std::uint32_t>> indices(batch.size());
   AnchorFact<G> anchor{{self_, next_anchor}, closing, next_landmark, 0};
-  if (store_.check(anchor) != Insertion::inserted) {
-    counters_.facts_unfit += 1 + batch.size();
+  if (!make_fit(anchor)) {
+    counters_.facts_unfit += batch.size();
     return indices;
   }
   LandmarkBatch<G> fit;
   for (std::size_t i = 0; i < batch.size(); ++i) {
     batch[i].key = {self_, next_landmark};
     batch[i].anchor = next_anchor;
+    if (!make_fit(batch[i])) continue;
     const LandmarkFact<G> landmark = rounded(batch[i]);
-    if (store_.check(batch[i]) != Insertion::inserted || !is_rounded(landmark) ||
-        store_.check(landmark) != Insertion::inserted) {
+    if (!is_rounded(landmark) || store_.check(landmark) != Insertion::inserted) {
       ++counters_.facts_unfit;
       continue;
     }
@@ -178,11 +247,8 @@ bool SubmapManager<G>::publish_absolute_fix(const ChainState<G>& state, const ty
                                             const typename G::PointCovariance& covariance) {
   auto& next = next_index_[static_cast<std::size_t>(FactKind::absolute_fix)];
   const std::uint32_t anchor = next_index_[static_cast<std::size_t>(FactKind::anchor)] - 1;
-  const AbsoluteFixFact<G> fact{{self_, next}, anchor, state, lever, position, covariance};
-  if (store_.check(fact) != Insertion::inserted) {
-    ++counters_.facts_unfit;
-    return false;
-  }
+  AbsoluteFixFact<G> fact{{self_, next}, anchor, state, lever, position, covariance};
+  if (!make_fit(fact)) return false;
   if (fix_s_ && std::abs(state.stamp_s - *fix_s_) < params_.selection.fix_correlation_s) {
     ++counters_.fixes_thinned;
     return true;
@@ -198,11 +264,8 @@ template <class G>
 bool SubmapManager<G>::publish_encounter(const ChainState<G>& state, VehicleId other, const typename G::Point& position,
                                          const typename G::PointCovariance& covariance) {
   auto& next = next_index_[static_cast<std::size_t>(FactKind::encounter)];
-  const EncounterFact<G> fact{{self_, next}, anchor_before(state), state, other, position, covariance};
-  if (store_.check(fact) != Insertion::inserted) {
-    ++counters_.facts_unfit;
-    return false;
-  }
+  EncounterFact<G> fact{{self_, next}, anchor_before(state), state, other, position, covariance};
+  if (!make_fit(fact)) return false;
   const auto [last, first_time] = encounter_s_.try_emplace(other, state.stamp_s);
   if (!first_time && std::abs(state.stamp_s - last->second) < params_.encounter_period_s) {
     ++counters_.encounters_thinned;
@@ -219,11 +282,8 @@ template <class G>
 bool SubmapManager<G>::publish_waypoint(const ChainState<G>& state, const Key& encounter,
                                         const typename G::Point& mark) {
   auto& next = next_index_[static_cast<std::size_t>(FactKind::waypoint)];
-  const WaypointFact<G> fact{{self_, next}, anchor_before(state), state, encounter, mark};
-  if (store_.check(fact) != Insertion::inserted) {
-    ++counters_.facts_unfit;
-    return false;
-  }
+  WaypointFact<G> fact{{self_, next}, anchor_before(state), state, encounter, mark};
+  if (!make_fit(fact)) return false;
   ++next;
   publish(fact);
   send(fact);
@@ -233,10 +293,12 @@ bool SubmapManager<G>::publish_waypoint(const ChainState<G>& state, const Key& e
 // The last own anchor that is not later than a state.
 template <class G>
 std::uint32_t SubmapManager<G>::anchor_before(const ChainState<G>& state) const {
-  const auto& anchors = store_.chains().at(self_).anchors;
-  std::uint32_t index = anchors.rbegin()->first;
-  while (index > 0 && anchors.at(index).state.stamp_s > state.stamp_s) --index;
-  return index;
+  const auto own = store_.chains().find(self_);
+  if (own == store_.chains().end()) return 0;
+  const auto& anchors = own->second.anchors;
+  for (auto it = anchors.rbegin(); it != anchors.rend(); ++it)
+    if (it->second.state.stamp_s <= state.stamp_s) return it->first;
+  return 0;
 }
 
 template <class G>
@@ -263,7 +325,10 @@ void SubmapManager<G>::update_live(LivePose<G> live) {
   live.integrity = !map_.map->aligned(self_)     ? Integrity::unaligned
                    : live.reasons != reason_none ? Integrity::suspect
                                                  : Integrity::ok;
-  if (!is_fit(live)) {
+  bool fit = is_fit(live);
+  symmetrise(live);
+  fit = fit && is_fit(live);
+  if (!fit) {
     ++counters_.live_unfit;
     live.remembered.clear();  // the SLAM's pose may still be: it is told as it is, and judged by whoever hears it
     live.shared.setZero();
@@ -287,23 +352,36 @@ const std::optional<Estimate<G>>& SubmapManager<G>::locate(Live& live) const {
 template <class G>
 void SubmapManager<G>::step(double now_s) {
   now_s_ = now_s;
-  for (const Message<G>& message : exchange_.take(now_s)) handle(message, now_s);
+  if (inbox_.empty())  // else what comes waits in the exchange, which has bounds
+    for (Message<G>& message : exchange_.take(now_s))
+      if (admit(message, now_s)) inbox_.push_back(std::move(message));
+  for (std::size_t left = params_.facts_per_step; left > 0 && !inbox_.empty();) {
+    const Message<G> message = std::move(inbox_.front());
+    inbox_.pop_front();
+    left -= std::min(left, work_in<G>(message.payload));
+    handle(message, now_s);
+  }
   for (Payload<G>& payload : repair_.due(store_, now_s)) send(std::move(payload));
   if (auto marks = repair_.digest_due(store_, now_s)) send_digest(std::move(*marks), now_s);
   if (journal_ != nullptr) journal_->retry(now_s);
 }
 
 template <class G>
-void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
+bool SubmapManager<G>::admit(const Message<G>& message, double now_s) {
   const auto& roster = params_.limits.roster;
   const VehicleId sender = message.sender.vehicle;
   if (sender == 0 || (!roster.empty() && std::find(roster.begin(), roster.end(), sender) == roster.end())) {
     ++counters_.unknown_senders;
-    return;
+    return false;
   }
-  if (!guard_.admit(sender, now_s)) return;
+  if (!guard_.admit(sender, now_s)) return false;
   if (sender == self_.vehicle) note_rival(message.sender, now_s);
   if (message.sender != self_) peers_[message.sender].heard_s = now_s;
+  return true;
+}
+
+template <class G>
+void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
   std::visit(
       [&](const auto& payload) {
         using P = std::decay_t<decltype(payload)>;
@@ -324,10 +402,7 @@ void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
         } else if constexpr (std::is_same_v<P, WaypointFact<G>>) {
           take_in(FactKind::waypoint, payload);
         } else if constexpr (std::is_same_v<P, LivePose<G>>) {
-          const bool fit = is_fit(payload);
-          counters_.live_unfit += !fit;
-          if (fit && payload.chain != self_ && payload.chain == message.sender)
-            peers_[payload.chain].live = Live{payload};
+          if (payload.chain != self_ && payload.chain == message.sender) take_in_live(payload, now_s);
         } else if constexpr (std::is_same_v<P, Request>) {
           repair_.on_request(store_, message.sender, payload, now_s);
         } else {
@@ -345,12 +420,27 @@ void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
     ++counters_.facts_impersonated;
     return;
   }
-  repair_.on_fact_seen(kind, fact.key);
-  if (own) return;
-  const bool fresh = insert(fact);
+  const Insertion result = own ? Insertion::duplicate : insert(fact);
+  const bool fresh = result == Insertion::inserted;
+  if (fresh || result == Insertion::duplicate) repair_.on_fact_seen(kind, fact.key);  // what is refused is no answer
   counters_.facts_received += fresh;
   if constexpr (std::is_same_v<Fact, EncounterFact<G>>)
     if (fresh && fact.other == self_.vehicle) unanswered_.emplace_back(fact.key, fact.state.stamp_s);
+}
+
+// One that was overtaken on the way does not count, unless what is held is old: then that may have been untrue.
+template <class G>
+void SubmapManager<G>::take_in_live(const LivePose<G>& live, double now_s) {
+  if (!is_fit(live)) {
+    ++counters_.live_unfit;
+    return;
+  }
+  Peer& peer = peers_[live.chain];
+  const bool overtaken = peer.live && now_s <= peer.live_s + params_.stale_peer_s &&
+                         (live.state.stamp_s < peer.live->said.state.stamp_s || live.anchor < peer.live->said.anchor);
+  if (overtaken) return;
+  peer.live = Live{live};
+  peer.live_s = now_s;
 }
 
 // The exchange does not hand back what this vehicle sent, and what it sent in an earlier epoch is repeated by others
@@ -358,9 +448,12 @@ void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
 template <class G>
 void SubmapManager<G>::note_rival(const ChainId& sender, double now_s) {
   ++counters_.senders_impersonated;
-  if (!rival_ || rival_->chain != sender || now_s > rival_->heard_s + params_.stale_peer_s)
-    rival_ = Rival{sender, now_s, now_s};
-  rival_->heard_s = now_s;
+  if (sender.epoch > self_.epoch) return;  // it will be refused itself
+  std::erase_if(rivals_, [&](const Rival& rival) { return now_s > rival.heard_s + params_.stale_peer_s; });
+  const auto known =
+      std::find_if(rivals_.begin(), rivals_.end(), [&](const Rival& rival) { return rival.chain == sender; });
+  if (known != rivals_.end()) known->heard_s = now_s;
+  else if (rivals_.size() < max_rivals) rivals_.push_back({sender, now_s, now_s});
 }
 
 template <class G>

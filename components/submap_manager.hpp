@@ -9,6 +9,7 @@
 #include <convoy/submap/journal.hpp>
 
 #include <array>
+#include <deque>
 #include <map>
 #include <memory>
 #include <optional>
@@ -40,6 +41,8 @@ struct SubmapManagerParams {
   /// Somebody else who has spoken under this vehicle's id for so long is no echo of an earlier run: two processes
   /// claim one id, and the one that began later is refused. > 0
   double rival_s = 5.0;
+  /// Taken in by one step(), about; the rest waits for the next, so that no step takes long. >= 1
+  std::uint32_t facts_per_step = 2000;
   std::uint64_t seed = 1;  ///< of the repair protocol's jitter
 };
 
@@ -148,8 +151,11 @@ class SubmapManager {
   /// The same for this vehicle alone: nobody is told.
   void update_live(LivePose<G> live);
 
-  /// Takes what has come in, sends what is due (requests, answers, the digest).
+  /// Takes what has come in (SubmapManagerParams::facts_per_step of it), sends what is due (requests, answers, the
+  /// digest).
   void step(double now_s);
+  /// More has come in than the last step could take.
+  bool busy() const { return !inbox_.empty(); }
   /// Builds the map anew if facts have come in and the period has passed, or if `force`. True if it did.
   bool rebuild(double now_s, bool force = false);
 
@@ -158,6 +164,8 @@ class SubmapManager {
   std::optional<MapOrder<G>> order_map(double now_s);
   /// Takes the map of an order, unless there is one of more facts by now. Returns the one that is no longer needed.
   GlobalMap<G> adopt(BuiltMap<G> built);
+  /// The last order came to nothing: it is due again after a period.
+  void order_again() { ordered_revision_ = map_revision_; }
   const std::shared_ptr<const Backend<G>>& backend() const { return backend_; }
 
   const FactStore<G>& store() const { return store_; }
@@ -193,6 +201,7 @@ class SubmapManager {
   };
   struct Peer {
     std::optional<Live> live;
+    double live_s = 0.0;  // when it came
     double heard_s = 0.0;
     bool disagrees = false;
     LeastDelay clock;
@@ -203,11 +212,15 @@ class SubmapManager {
     double since_s = 0.0, heard_s = 0.0;
   };
   template <class Fact>
+  bool make_fit(Fact& fact);
+  template <class Fact>
   void publish(const Fact& fact);
   void send(Payload<G> payload);
+  bool admit(const Message<G>& message, double now_s);
   void handle(const Message<G>& message, double now_s);
   template <class Fact>
   void take_in(FactKind kind, const Fact& fact);
+  void take_in_live(const LivePose<G>& live, double now_s);
   void handle_digest(const ChainId& sender, const Digest& digest, double now_s);
   void note_rival(const ChainId& sender, double now_s);
   void send_digest(std::vector<ChainMark> marks, double now_s);
@@ -218,7 +231,7 @@ class SubmapManager {
   bool is_fit(const LivePose<G>& live) const;
   const std::optional<Estimate<G>>& locate(Live& live) const;
   template <class Fact>
-  bool insert(const Fact& fact);
+  Insertion insert(const Fact& fact);
 
   ChainId self_;
   SubmapExchange<G>& exchange_;
@@ -227,8 +240,9 @@ class SubmapManager {
   RepairProtocol<G> repair_;
   PeerGuard guard_;
   Journal<G>* journal_ = nullptr;
-  double now_s_ = 0.0;  // of the last step
-  std::optional<Rival> rival_;
+  double now_s_ = 0.0;            // of the last step
+  std::vector<Rival> rivals_;     // those that began earlier, at most max_rivals
+  std::deque<Message<G>> inbox_;  // came in, and waits for the next step
   std::shared_ptr<const Backend<G>> backend_;
   MapBuilder<G> builder_;
   GlobalMap<G> map_;

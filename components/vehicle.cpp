@@ -6,6 +6,13 @@
 #include <chrono>
 
 namespace convoy {
+namespace {
+
+constexpr double hurried_s = 0.001;                // between two steps while something waits: others get the lock
+constexpr std::uint64_t nodes_per_step = 100'000;  // about 10 ms
+
+}  // namespace
+
 template <class G>
 Vehicle<G>::Vehicle(const VehicleParams<G>& params, FrontEnd<G>& front_end, OpenExchange open, Clock clock)
     : params_(params), front_end_(front_end), open_(std::move(open)), clock_(std::move(clock)) {
@@ -115,18 +122,58 @@ template <class G>
 void Vehicle<G>::run() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
-    step();
-    wake_.wait_for(lock, std::chrono::duration<double>(params_.step_period_s), [this] { return stop_; });
+    attempt(lock, [&] { step(lock); });
+    const double pause_s = manager_->busy() ? std::min(hurried_s, params_.step_period_s) : params_.step_period_s;
+    wake_.wait_for(lock, std::chrono::duration<double>(pause_s), [this] { return stop_; });
+  }
+}
+
+// Whatever it throws: the thread goes on, with the lock.
+template <class G>
+template <class Part>
+void Vehicle<G>::attempt(std::unique_lock<std::mutex>& lock, Part part) {
+  try {
+    part();
+  } catch (...) {
+    if (!lock.owns_lock()) lock.lock();
+    add_current(failures_);
   }
 }
 
 template <class G>
-void Vehicle<G>::step() {
+void Vehicle<G>::step(std::unique_lock<std::mutex>& lock) {
   const double now_s = clock_();
-  manager_->step(now_s);
-  front_end_component_->answer_encounters();
-  searches_left_ = association_->step(params_.searches_per_step);
-  if (auto built = map_worker_->collect()) map_worker_->retire(manager_->adopt(std::move(*built)));
+  attempt(lock, [&] { manager_->step(now_s); });
+  attempt(lock, [&] { front_end_component_->answer_encounters(); });
+  attempt(lock, [&] { search(lock); });
+  attempt(lock, [&] { tend_map(now_s); });
+}
+
+// The lock is open during a search.
+template <class G>
+void Vehicle<G>::search(std::unique_lock<std::mutex>& lock) {
+  association_->find_new_batches();
+  std::uint64_t nodes = 0;
+  for (searches_left_ = 0; searches_left_ < params_.searches_per_step && nodes < nodes_per_step && !stop_;) {
+    auto work = association_->begin();
+    if (!work) return;
+    ++searches_left_;
+    lock.unlock();
+    association_->search(*work);
+    lock.lock();
+    association_->finish(*work);
+    nodes += work->result.nodes;
+  }
+}
+
+template <class G>
+void Vehicle<G>::tend_map(double now_s) {
+  try {
+    if (auto built = map_worker_->collect()) map_worker_->retire(manager_->adopt(std::move(*built)));
+  } catch (...) {
+    manager_->order_again();
+    throw;
+  }
   if (map_worker_->idle())
     if (auto order = manager_->order_map(now_s)) map_worker_->start(std::move(*order));
 }
@@ -171,8 +218,8 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.facts_missing = manager_->facts_missing();
   s.facts_lost = manager_->facts_lost();
   s.refused = manager_->refused();
-  s.settled =
-      s.facts_missing == 0 && searches_left_ == 0 && manager_->map().exact && manager_->map().facts == s.facts_digest;
+  s.settled = s.facts_missing == 0 && !manager_->busy() && searches_left_ == 0 && manager_->map().exact &&
+              manager_->map().facts == s.facts_digest;
   for (const auto& [id, chain] : store.chains()) s.landmarks_known += chain.landmarks.size();
   s.landmarks_exported = front_end_component_->landmarks_exported();
   s.submaps = manager_->counters();
@@ -183,6 +230,8 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.exchange = exchange_->counters();
   s.network = exchange_->worker_counters();
   s.peers = manager_->peer_counters();
+  s.failures = failures_.count > 0 ? failures_ : s.network.failures;
+  s.failures.count = failures_.count + s.network.failures.count;
   if (journal_) s.journal = journal_->counters();
   s.insertions = store.insertions();
   return s;

@@ -42,7 +42,8 @@ struct VehicleParams {
   typename G::Point mark = G::Point::Zero();  ///< what other vehicles see of this one, body frame [m]
   DriftParams<G> drift;
   AssociationParams association;
-  LooksAlike<G> looks_alike = {};  ///< a constraint of one's own, see AssociationComponent
+  /// A constraint of one's own, see AssociationComponent. Asked from the vehicle's thread, also while feed() runs.
+  LooksAlike<G> looks_alike = {};
   SubmapManagerParams submaps;
   BudgetParams budget;          ///< of bytes sent
   WatchdogParams watchdog;      ///< of the network
@@ -73,6 +74,7 @@ struct VehicleSnapshot {
   ExchangeWorkerCounters network;
   PeerGuardCounters peers;
   JournalCounters journal;  ///< zero without one
+  Failures failures;        ///< exceptions in the vehicle's threads, those of its network included: it went on
   std::array<std::uint64_t, insertion_count> insertions{};
 };
 
@@ -99,7 +101,7 @@ class Vehicle {
   State state() const;
 
   /// Runs `input` (which gives the front end one sensor input) and exports what converged. From any thread.
-  /// Refused (false) while unconfigured.
+  /// Refused (false) while unconfigured. Throws what `input` or the front end throws.
   bool feed(const std::function<void()>& input);
 
   /// A receiver of absolute positions said where its antenna (`lever`, body frame [m]) is now: `position`,
@@ -129,7 +131,11 @@ class Vehicle {
 
  private:
   void run();
-  void step();
+  void step(std::unique_lock<std::mutex>& lock);
+  void search(std::unique_lock<std::mutex>& lock);
+  void tend_map(double now_s);
+  template <class Part>
+  void attempt(std::unique_lock<std::mutex>& lock, Part part);
 
   VehicleParams<G> params_;
   FrontEnd<G>& front_end_;
@@ -152,6 +158,7 @@ class Vehicle {
   std::unique_ptr<FrontEndComponent<G>> front_end_component_;
   std::unique_ptr<AssociationComponent<G>> association_;
   int searches_left_ = 0;
+  Failures failures_;
 };
 
 }  // namespace convoy

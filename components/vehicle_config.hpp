@@ -6,7 +6,8 @@
 //     <vehicle id="2" state_folder="state" roster="1 2 3"/>  <!-- first_epoch="1": repeatable, see below -->
 //     <static_bias x_m="0" y_m="0" theta_rad="0" sigma_x_m="9" sigma_y_m="9" sigma_theta_rad="0.3"/>
 //     <dds domain="7" profile="loopback.xml" interfaces="127.0.0.1" max_queued_messages="65536"
-//          security="vehicle_2"/>  <!-- the folder that scripts/make-certs made for this vehicle; without it, no security -->
+//          security="vehicle_2"/>  <!-- the folder that scripts/make-certs made for this vehicle; without it, no
+//          security -->
 //         <!-- peers="192.0.2.2 192.0.2.3:7410" or discovery_servers="192.0.2.9:11811": qos_profiles/README.md -->
 //     <front_end sigma_range_m="0.1" .../>  <drift .../>  <association .../>  <map .../>  <repair .../>
 //     <sensors file="sensors.csv" rate="1"/>

@@ -33,11 +33,13 @@ std::size_t size_of(const FactStore<G>& store, const Key& anchor, Reach reach) {
 
 // Those between the two batches alone; none if they are too few.
 template <class G>
-std::vector<Pairing> between(const FactStore<G>& store, const Key& a, const Key& b, std::vector<Pairing> pairings,
-                             int at_least) {
+std::vector<Pairing> between(const ReachedPair<G>& pair, std::vector<Pairing> pairings, int at_least) {
+  const auto is_of = [](const Batch<G>& joined, const Key& key) {
+    return std::any_of(joined.landmarks.begin(), joined.landmarks.end(),
+                       [&](const LandmarkFact<G>& l) { return l.key == key && l.anchor_key() == joined.anchor; });
+  };
   std::erase_if(pairings, [&](const Pairing& p) {
-    const Key batch_a = store.landmark(p.first)->anchor_key(), batch_b = store.landmark(p.second)->anchor_key();
-    return std::minmax(batch_a, batch_b) != std::pair<const Key&, const Key&>(a, b);
+    return !(is_of(pair.a, p.first) && is_of(pair.b, p.second)) && !(is_of(pair.b, p.first) && is_of(pair.a, p.second));
   });
   if (static_cast<int>(pairings.size()) < at_least) pairings.clear();
   return pairings;
@@ -79,23 +81,34 @@ bool apart(const Key& a, const Key& b, Reach reach) {
 }
 
 template <class G>
-AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
-                               const AssociationParams& params, const LooksAlike<G>& looks_alike) {
-  if (b < a) return associate(store, b, a, reach, params, looks_alike);
-  AssociationResult<G> result;
+ReachedPair<G> reached_pair(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
+                            const AssociationParams& params) {
+  if (b < a) return reached_pair(store, b, a, reach, params);
+  ReachedPair<G> pair{reach, {a, {}}, {b, {}}};
   if (!all_complete(store, a, reach) || !all_complete(store, b, reach)) {
-    result.rejection = Rejection::unfit;
+    pair.rejection = Rejection::unfit;
+  } else if (std::max(size_of(store, a, reach), size_of(store, b, reach)) > params.max_landmarks) {
+    pair.rejection = Rejection::search_cut_off;
+  } else {
+    pair.a = joined_batch(store, a, reach);
+    pair.b = joined_batch(store, b, reach);
+    pair.prior = relative_prior(store, a, b);
+  }
+  return pair;
+}
+
+template <class G>
+AssociationResult<G> associate(const ReachedPair<G>& pair, const AssociationParams& params,
+                               const LooksAlike<G>& looks_alike) {
+  AssociationResult<G> result;
+  if (pair.rejection) {
+    result.rejection = *pair.rejection;
     return result;
   }
-  if (std::max(size_of(store, a, reach), size_of(store, b, reach)) > params.max_landmarks) {
-    result.rejection = Rejection::search_cut_off;
-    return result;
-  }
-  result = associate(joined_batch(store, a, reach), joined_batch(store, b, reach), relative_prior(store, a, b), params,
-                     looks_alike);
-  if (reach == Reach::alone) return result;
-  result.pairings = between(store, a, b, std::move(result.pairings), params.min_pairings);
-  result.runner_up_pairings = between(store, a, b, std::move(result.runner_up_pairings), params.min_pairings);
+  result = associate(pair.a, pair.b, pair.prior, params, looks_alike);
+  if (pair.reach == Reach::alone) return result;
+  result.pairings = between(pair, std::move(result.pairings), params.min_pairings);
+  result.runner_up_pairings = between(pair, std::move(result.runner_up_pairings), params.min_pairings);
   const bool too_few =
       result.pairings.empty() || (result.decision == Decision::ambiguous && result.runner_up_pairings.empty());
   if (result.decision != Decision::none && too_few) {
@@ -103,6 +116,12 @@ AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Ke
     result.rejection = Rejection::too_few_pairings;
   }
   return result;
+}
+
+template <class G>
+AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
+                               const AssociationParams& params, const LooksAlike<G>& looks_alike) {
+  return associate(reached_pair(store, a, b, reach, params), params, looks_alike);
 }
 
 template <class G>
@@ -115,10 +134,12 @@ std::optional<Reach> next_reach(const AssociationResult<G>& result, const Key& a
   return apart(a, b, next) ? std::optional(next) : std::nullopt;
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                 \
-  template Batch<G> joined_batch(const FactStore<G>&, const Key&, Reach);                     \
-  template AssociationResult<G> associate(const FactStore<G>&, const Key&, const Key&, Reach, \
-                                          const AssociationParams&, const LooksAlike<G>&);    \
+#define CONVOY_INSTANTIATE(G)                                                                                         \
+  template Batch<G> joined_batch(const FactStore<G>&, const Key&, Reach);                                             \
+  template ReachedPair<G> reached_pair(const FactStore<G>&, const Key&, const Key&, Reach, const AssociationParams&); \
+  template AssociationResult<G> associate(const ReachedPair<G>&, const AssociationParams&, const LooksAlike<G>&);     \
+  template AssociationResult<G> associate(const FactStore<G>&, const Key&, const Key&, Reach,                         \
+                                          const AssociationParams&, const LooksAlike<G>&);                            \
   template std::optional<Reach> next_reach(const AssociationResult<G>&, const Key&, const Key&, Reach);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

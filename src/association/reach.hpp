@@ -37,6 +37,22 @@ template <class G>
 AssociationResult<G> associate(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
                                const AssociationParams& params, const LooksAlike<G>& looks_alike = {});
 
+/// All that this search needs of the store, so that it may take its time while others write there.
+template <class G>
+struct ReachedPair {
+  Reach reach = Reach::alone;
+  Batch<G> a, b;  ///< joined
+  std::optional<RelativePrior<G>> prior = {};
+  std::optional<Rejection> rejection = {};  ///< there is nothing to search
+};
+template <class G>
+ReachedPair<G> reached_pair(const FactStore<G>& store, const Key& a, const Key& b, Reach reach,
+                            const AssociationParams& params);
+/// The same as above.
+template <class G>
+AssociationResult<G> associate(const ReachedPair<G>& pair, const AssociationParams& params,
+                               const LooksAlike<G>& looks_alike = {});
+
 /// The reach to search with next, once those batches are complete; empty if nothing is to be won by it: it is accepted,
 /// too few of the landmarks of the two can be the same, or the world repeats itself there, which is to be stated at
 /// once.

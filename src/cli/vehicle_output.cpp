@@ -246,6 +246,9 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["facts_impersonated"] = s.submaps.facts_impersonated;
   c["senders_impersonated"] = s.submaps.senders_impersonated;
   c["sends_rejected"] = s.submaps.sends_rejected;
+  c["sends_unfit"] = s.network.outbox.unfit;
+  c["sends_in_debt"] = s.network.outbox.in_debt;
+  c["failures"] = s.failures.count;
   c["disagreements"] = s.submaps.disagreements;
   c["maps_built"] = s.submaps.maps_built;
   for (int i = 0; i < insertion_count; ++i)

@@ -113,6 +113,20 @@ class Warnings {
     if (s.exchange.unauthorised > 0 && !unauthorised_)
       spdlog::warn("somebody without the credentials of this fleet speaks on its network, and is refused");
     unauthorised_ = s.exchange.unauthorised > 0;
+    if (s.failures.count > failures_)
+      spdlog::error("something has failed in a thread of this vehicle ({} times by now), which went on: {}",
+                    s.failures.count, s.failures.last_error);
+    failures_ = s.failures.count;
+    if (s.network.outbox.in_debt >= many && !in_debt_)
+      spdlog::warn(
+          "what the network spends by itself (discovery, heartbeats) takes the whole byte budget: messages get a tenth "
+          "of it; give <budget bytes_per_s> more");
+    in_debt_ = s.network.outbox.in_debt >= many;
+    if (s.network.outbox.unfit > 0 && !unfit_)
+      spdlog::error(
+          "a message of this vehicle cannot be carried by the wire format and was dropped (sends_unfit counts them): "
+          "peers will lack what was in it");
+    unfit_ = s.network.outbox.unfit > 0;
     if (s.peers.quarantines > quarantines_)
       spdlog::warn("a vehicle floods the network: nothing is taken from it for now");
     quarantines_ = s.peers.quarantines;
@@ -123,9 +137,11 @@ class Warnings {
 
  private:
   static constexpr double noticeable_s = 1.0;
+  static constexpr std::uint64_t many = 20;
   std::set<VehicleId> clocks_;
-  std::uint64_t reopened_ = 0, quarantines_ = 0;
-  bool reopening_failed_ = false, journal_waits_ = false, incompatible_ = false, unauthorised_ = false;
+  std::uint64_t reopened_ = 0, quarantines_ = 0, failures_ = 0;
+  bool reopening_failed_ = false, journal_waits_ = false, incompatible_ = false, unauthorised_ = false, unfit_ = false,
+       in_debt_ = false;
 };
 
 }  // namespace

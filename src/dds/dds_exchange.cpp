@@ -455,35 +455,41 @@ struct DdsExchange<G>::Impl {
         inbox(config.max_queued_messages),
         peers(entities.domain().participant->guid().guidPrefix, endpoints_per_exchange) {}
 
-  bool write(const ChainId& sender, const AnchorFact<G>& fact) { return convert_and_write(bias, sender, fact); }
-  bool write(const ChainId& sender, const PriorFact<G>& fact) { return convert_and_write(prior, sender, fact); }
-  bool write(const ChainId& sender, const AssociationFact& fact) {
+  SendStatus write(const ChainId& sender, const AnchorFact<G>& fact) { return convert_and_write(bias, sender, fact); }
+  SendStatus write(const ChainId& sender, const PriorFact<G>& fact) { return convert_and_write(prior, sender, fact); }
+  SendStatus write(const ChainId& sender, const AssociationFact& fact) {
     return convert_and_write(association, sender, fact);
   }
-  bool write(const ChainId& sender, const VerdictFact& fact) { return convert_and_write(verdict, sender, fact); }
-  bool write(const ChainId& sender, const AbsoluteFixFact<G>& fact) {
+  SendStatus write(const ChainId& sender, const VerdictFact& fact) { return convert_and_write(verdict, sender, fact); }
+  SendStatus write(const ChainId& sender, const AbsoluteFixFact<G>& fact) {
     return convert_and_write(absolute_fix, sender, fact);
   }
-  bool write(const ChainId& sender, const EncounterFact<G>& fact) { return convert_and_write(encounter, sender, fact); }
-  bool write(const ChainId& sender, const WaypointFact<G>& fact) { return convert_and_write(waypoint, sender, fact); }
-  bool write(const ChainId& sender, const LivePose<G>& live) { return convert_and_write(pose, sender, live); }
-  bool write(const ChainId& sender, const Request& asked) { return convert_and_write(request, sender, asked); }
-  bool write(const ChainId& sender, const Digest& known) { return convert_and_write(digest, sender, known); }
-  bool write(const ChainId& sender, const LandmarkBatch<G>& batch) {
-    bool all = true;
+  SendStatus write(const ChainId& sender, const EncounterFact<G>& fact) {
+    return convert_and_write(encounter, sender, fact);
+  }
+  SendStatus write(const ChainId& sender, const WaypointFact<G>& fact) {
+    return convert_and_write(waypoint, sender, fact);
+  }
+  SendStatus write(const ChainId& sender, const LivePose<G>& live) { return convert_and_write(pose, sender, live); }
+  SendStatus write(const ChainId& sender, const Request& asked) { return convert_and_write(request, sender, asked); }
+  SendStatus write(const ChainId& sender, const Digest& known) { return convert_and_write(digest, sender, known); }
+  SendStatus write(const ChainId& sender, const LandmarkBatch<G>& batch) {
+    SendStatus status = SendStatus::sent;  // of all parts; what was refused for now goes before what is unfit
     for (const auto part : split(std::span<const LandmarkFact<G>>(batch.landmarks)))
-      all = convert_and_write(landmark, sender, part) && all;
-    return all;
+      if (const SendStatus of_part = convert_and_write(landmark, sender, part);
+          of_part == SendStatus::rejected || status == SendStatus::sent)
+        status = of_part;
+    return status;
   }
 
   template <class PubSubType, class Part>
-  bool convert_and_write(Channel<G, PubSubType>& channel, const ChainId& sender, const Part& part) {
+  SendStatus convert_and_write(Channel<G, PubSubType>& channel, const ChainId& sender, const Part& part) {
     typename PubSubType::type sample;
     if (to_wire<G>(sender, part, sample) != WireStatus::ok) {
       ++refused_to_wire;
-      return false;
+      return SendStatus::unfit;
     }
-    return channel.write(sample);
+    return channel.write(sample) ? SendStatus::sent : SendStatus::rejected;
   }
 
   std::shared_ptr<WireCounters> wire = std::make_shared<WireCounters>();
@@ -534,10 +540,11 @@ DdsExchange<G>::~DdsExchange() {
 
 template <class G>
 SendStatus DdsExchange<G>::send(const Message<G>& message) {
-  const bool written =
+  const SendStatus status =
       std::visit([&](const auto& payload) { return impl_->write(message.sender, payload); }, message.payload);
-  ++(written ? impl_->sent : impl_->rejected);
-  return written ? SendStatus::sent : SendStatus::rejected;
+  impl_->sent += status == SendStatus::sent;
+  impl_->rejected += status == SendStatus::rejected;
+  return status;
 }
 
 template <class G>

@@ -34,8 +34,8 @@ struct DdsConfig {
   std::vector<std::string> initial_peers;
   /// "ADDRESS:PORT" (IPv4), for a profile of Discovery Server clients; the first one runs under the id 0, and so on.
   std::vector<std::string> discovery_servers;
-  std::string origin;                       ///< "file:line" of these addresses, for errors; may be empty
-  std::uint32_t vehicle = 0;                ///< names the participant in its GUID; with DDS Security on, must be its certificate's
+  std::string origin;         ///< "file:line" of these addresses, for errors; may be empty
+  std::uint32_t vehicle = 0;  ///< names the participant in its GUID; with DDS Security on, must be its certificate's
   std::size_t max_queued_messages = 65536;  ///< received and not yet taken, >= 1; what comes beyond is dropped
 
   /// Folder that scripts/make-certs made for this vehicle: DDS Security is on, whatever the profile. Empty: off.
@@ -63,13 +63,14 @@ struct SecurityCounters {
 
 /// What only this exchange can tell, besides ExchangeCounters.
 struct DdsCounters {
-  std::uint64_t datagrams_sent = 0;      ///< RTPS messages, one per destination
-  std::uint64_t rtps_bytes_sent = 0;     ///< RTPS headers and everything in them
-  std::uint64_t header_bytes_sent = 0;   ///< of what carries them: 28 per UDP datagram, 66 over TCP, 0 in shared memory
-  std::uint64_t failed_sends = 0;        ///< the socket did not take a message; reliable topics repeat it
-  std::uint64_t refused_to_wire = 0;     ///< messages of one's own that the wire format cannot hold (see convert.hpp)
-  std::uint64_t samples_lost = 0;        ///< samples the middleware knows it has lost
-  SecurityCounters refused;              ///< all 0 with DDS Security off
+  std::uint64_t datagrams_sent = 0;     ///< RTPS messages, one per destination
+  std::uint64_t rtps_bytes_sent = 0;    ///< RTPS headers and everything in them
+  std::uint64_t header_bytes_sent = 0;  ///< of what carries them: 28 per UDP datagram, 66 over TCP, 0 in shared memory
+  std::uint64_t failed_sends = 0;       ///< the socket did not take a message; reliable topics repeat it
+  std::uint64_t refused_to_wire =
+      0;  ///< what the wire format cannot hold of one's own messages (convert.hpp): SendStatus::unfit
+  std::uint64_t samples_lost = 0;  ///< samples the middleware knows it has lost
+  SecurityCounters refused;        ///< all 0 with DDS Security off
 };
 
 /// Threads: send() and take() may be called from different threads, each from one at a time. Receiving threads of the

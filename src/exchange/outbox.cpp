@@ -11,6 +11,8 @@ namespace convoy {
 namespace {
 
 constexpr std::size_t max_requests = 64;  // they are repeated
+constexpr double reserved = 0.1;          // share of the budget that what the network spends by itself cannot take
+constexpr double max_debt_s = 10.0;       // of the budget, that what it spends by itself can lead to
 
 template <class Fact>
 struct IsLandmarks : std::false_type {};
@@ -30,8 +32,18 @@ void validate(const BudgetParams& p) {
 }
 
 template <class G>
-Outbox<G>::Outbox(const BudgetParams& params) : params_(params), tokens_(params.bytes_per_s * params.burst_s) {
+Outbox<G>::Outbox(const BudgetParams& params)
+    : params_(params), tokens_(params.bytes_per_s * params.burst_s), reserve_(reserved * tokens_) {
   validate(params);
+}
+
+// Own facts are handed in once, in their order; whatever comes again was asked for.
+template <class G>
+auto Outbox<G>::place_of(const ChainId& sender, FactKind kind, const Key& key) -> Facts& {
+  std::uint32_t& next = next_news_[static_cast<std::size_t>(kind)];
+  const bool fresh = returns_news_ || (key.chain == sender && key.index >= next);
+  if (key.chain == sender) next = std::max(next, key.index + 1);
+  return fresh ? news_ : repeats_;
 }
 
 template <class G>
@@ -53,7 +65,7 @@ template <class G>
 template <class Fact>
 bool Outbox<G>::put_fact(const ChainId& sender, const Fact& fact) {
   const std::uint64_t dropped = counters_.dropped;
-  if (note(kind_of<Fact>, fact.key)) facts_.push_back({sender, fact});
+  if (note(kind_of<Fact>, fact.key)) place_of(sender, kind_of<Fact>, fact.key).others.push_back({sender, fact});
   return counters_.dropped == dropped;
 }
 
@@ -62,7 +74,7 @@ bool Outbox<G>::put_landmarks(const ChainId& sender, const LandmarkBatch<G>& bat
   const std::uint64_t dropped = counters_.dropped;
   for (const LandmarkFact<G>& landmark : batch.landmarks) {
     if (!note(FactKind::landmark, landmark.key)) continue;
-    Batch& place = batches_[landmark.anchor_key()];
+    Batch& place = place_of(sender, FactKind::landmark, landmark.key).batches[landmark.anchor_key()];
     place.sender = sender;
     const double spread = std::log(std::max(landmark.covariance.determinant(), 1e-300));
     place.landmarks.emplace(spread, landmark);
@@ -101,15 +113,20 @@ template <class G>
 void Outbox<G>::put_back(Message<G> message) {
   const bool superseded = (std::holds_alternative<Digest>(message.payload) && digest_) ||
                           (std::holds_alternative<LivePose<G>>(message.payload) && live_);
-  if (superseded) ++counters_.replaced;
-  else put(std::move(message));
+  if (superseded) {
+    ++counters_.replaced;
+    return;
+  }
+  returns_news_ = last_ == facts && news_were_last_;
+  put(std::move(message));
+  returns_news_ = false;
 }
 
 template <class G>
 bool Outbox<G>::waits(Traffic traffic) const {
   switch (traffic) {
     case control: return digest_.has_value() || !requests_.empty();
-    case facts: return !facts_.empty() || !batches_.empty();
+    case facts: return !news_.empty() || !repeats_.empty();
     case live: break;
   }
   return live_.has_value();
@@ -124,17 +141,27 @@ template <class G>
 void Outbox<G>::spend(double now_s, std::uint64_t bytes_sent) {
   const double bytes = static_cast<double>(bytes_sent - std::min(bytes_sent, bytes_sent_));
   bytes_sent_ = bytes_sent;
-  if (last_) spent_[*last_] += bytes / weight[*last_];
-  last_.reset();
   const double passed_s = at_s_ ? std::max(0.0, now_s - *at_s_) : 0.0;
   at_s_ = now_s;
-  tokens_ = std::min(params_.bytes_per_s * params_.burst_s, tokens_ + params_.bytes_per_s * passed_s) - bytes;
+  const double rate = params_.bytes_per_s;
+  tokens_ = std::min(rate * params_.burst_s, tokens_ + rate * passed_s);
+  reserve_ = std::min(reserved * rate * params_.burst_s, reserve_ + reserved * rate * passed_s);
+  if (last_) {
+    spent_[*last_] += bytes / weight[*last_];
+    tokens_ -= bytes;
+    reserve_ =
+        std::max(reserve_ - bytes, -std::max(rate, bytes));  // who speaks as usual lives on less within ten seconds
+  } else {
+    tokens_ = std::max(tokens_ - bytes, std::min(tokens_, -max_debt_s * rate));
+  }
+  last_.reset();
 }
 
 template <class G>
 std::optional<Message<G>> Outbox<G>::next(double now_s, std::uint64_t bytes_sent) {
   spend(now_s, bytes_sent);
-  if (params_.bytes_per_s > 0.0 && tokens_ <= 0.0) return std::nullopt;
+  const bool in_debt = params_.bytes_per_s > 0.0 && tokens_ <= 0.0;
+  if (in_debt && reserve_ <= 0.0) return std::nullopt;
   std::optional<Traffic> chosen;
   for (const Traffic traffic : {control, facts, live})
     if (waits(traffic) && (!chosen || spent_[traffic] < spent_[*chosen])) chosen = traffic;
@@ -142,25 +169,46 @@ std::optional<Message<G>> Outbox<G>::next(double now_s, std::uint64_t bytes_sent
   // Who did not use its share does not save it up.
   for (double& spent : spent_) spent = std::max(spent, spent_[*chosen]);
   last_ = chosen;
+  counters_.in_debt += in_debt;
   return take(*chosen);
 }
 
+namespace {
+
+template <class M>
+M pop(std::deque<M>& queue) {
+  M message = std::move(queue.front());
+  queue.pop_front();
+  return message;
+}
+
+template <class M>
+M hand_over(std::optional<M>& place) {
+  M message = std::move(*place);
+  place.reset();
+  return message;
+}
+
+}  // namespace
+
 template <class G>
 Message<G> Outbox<G>::take(Traffic traffic) {
-  const auto pop = [](std::deque<Message<G>>& queue) {
-    Message<G> message = std::move(queue.front());
-    queue.pop_front();
-    return message;
-  };
-  const auto hand_over = [](std::optional<Message<G>>& place) {
-    Message<G> message = std::move(*place);
-    place.reset();
-    return message;
-  };
   if (traffic == live) return hand_over(live_);
-  if (traffic == control) return requests_.empty() ? hand_over(digest_) : pop(requests_);
-  if (facts_.empty()) return take_landmarks();
-  Message<G> message = pop(facts_);
+  return traffic == control ? take_control() : take_fact();
+}
+
+template <class G>
+Message<G> Outbox<G>::take_control() {
+  digest_was_last_ = digest_ && (requests_.empty() || !digest_was_last_);
+  return digest_was_last_ ? hand_over(digest_) : pop(requests_);
+}
+
+template <class G>
+Message<G> Outbox<G>::take_fact() {
+  news_were_last_ = !news_.empty() && (repeats_.empty() || !news_were_last_);
+  Facts& from = news_were_last_ ? news_ : repeats_;
+  if (from.others.empty()) return take_landmarks(from.batches);
+  Message<G> message = pop(from.others);
   std::visit(
       [&](const auto& fact) {
         if constexpr (requires { fact.key; }) waiting_.erase({kind_of<std::decay_t<decltype(fact)>>, fact.key});
@@ -171,8 +219,8 @@ Message<G> Outbox<G>::take(Traffic traffic) {
 }
 
 template <class G>
-Message<G> Outbox<G>::take_landmarks() {
-  const auto best = std::min_element(batches_.begin(), batches_.end(), [](const auto& a, const auto& b) {
+Message<G> Outbox<G>::take_landmarks(std::map<Key, Batch>& batches) {
+  const auto best = std::min_element(batches.begin(), batches.end(), [](const auto& a, const auto& b) {
     return a.second.landmarks.begin()->first < b.second.landmarks.begin()->first;
   });
   auto& landmarks = best->second.landmarks;
@@ -183,7 +231,7 @@ Message<G> Outbox<G>::take_landmarks() {
     landmarks.erase(landmarks.begin());
   }
   Message<G> message{best->second.sender, std::move(batch)};
-  if (landmarks.empty()) batches_.erase(best);
+  if (landmarks.empty()) batches.erase(best);
   counters_.facts_waiting = waiting_.size();
   return message;
 }

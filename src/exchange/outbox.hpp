@@ -29,11 +29,17 @@ struct OutboxCounters {
   std::uint64_t repeats = 0;   ///< facts that were waiting already
   std::uint64_t replaced = 0;  ///< digests, live poses and requests that a newer one took the place of
   std::uint64_t dropped = 0;   ///< facts beyond max_waiting
+  std::uint64_t in_debt = 0;   ///< messages sent although the network by itself had spent the budget
+  std::uint64_t unfit = 0;     ///< messages that the network cannot carry (SendStatus::unfit): they are not tried again
 };
 
 /// Kinds of traffic share a short budget: of six bytes, four are for facts, one for digests and requests, one for live
-/// poses; what one kind does not use is the others'. Of the facts, landmarks come last, those with the smallest
-/// covariance first. Of digests and live poses only the last one waits.
+/// poses; what one kind does not use is the others'. A digest and the requests take turns, and so do the sender's own
+/// news and what it repeats for others. Of either, landmarks come last, those with the smallest covariance first. Of
+/// digests and live poses only the last one waits.
+///
+/// What the network spends by itself (discovery, heartbeats) nobody can hold back. Where it takes the whole budget, a
+/// tenth of it goes on messages nevertheless, and debts beyond ten seconds of it are forgiven.
 template <class G>
 class Outbox {
  public:
@@ -47,6 +53,8 @@ class Outbox {
 
   /// What next() has handed out and the network did not take goes back to its place, unless something newer has it.
   void put_back(Message<G> message);
+  /// It cannot be carried at all.
+  void give_up() { ++counters_.unfit; }
 
   bool empty() const;
   const OutboxCounters& counters() const { return counters_; }
@@ -63,21 +71,30 @@ class Outbox {
   bool waits(Traffic traffic) const;
   void spend(double now_s, std::uint64_t bytes_sent);
   Message<G> take(Traffic traffic);
-  Message<G> take_landmarks();
+  Message<G> take_control();
+  Message<G> take_fact();
 
   BudgetParams params_;
   std::optional<Message<G>> digest_, live_;
   std::deque<Message<G>> requests_;
-  std::deque<Message<G>> facts_;  // all but landmarks
   struct Batch {
     ChainId sender;
     std::multimap<double, LandmarkFact<G>> landmarks;  // by log det of the covariance
   };
-  std::map<Key, Batch> batches_;  // by anchor
+  struct Facts {
+    std::deque<Message<G>> others;  // all but landmarks
+    std::map<Key, Batch> batches;   // by anchor
+    bool empty() const { return others.empty() && batches.empty(); }
+  };
+  Facts& place_of(const ChainId& sender, FactKind kind, const Key& key);
+  Message<G> take_landmarks(std::map<Key, Batch>& batches);
+  Facts news_, repeats_;
+  std::array<std::uint32_t, fact_kind_count> next_news_{};  // the sender's own facts begin here to be news
+  bool digest_was_last_ = false, news_were_last_ = false, returns_news_ = false;
   std::set<FactId> waiting_;
   std::array<double, 3> spent_{};  // bytes over weight
   std::optional<Traffic> last_;    // what the bytes since then are put down to
-  double tokens_;
+  double tokens_, reserve_;        // bytes that may be spent; that may be, whatever the network spends by itself
   std::optional<double> at_s_;
   std::uint64_t bytes_sent_ = 0;
   OutboxCounters counters_;

@@ -20,7 +20,9 @@ class PacedExchange final : public SubmapExchange<G> {
   /// Also sends what the budget allows by now.
   std::vector<Message<G>> take(double now_s) override {
     while (auto message = outbox_.next(now_s, inner_->counters().bytes_sent)) {
-      if (inner_->send(*message) == SendStatus::sent) continue;
+      const SendStatus status = inner_->send(*message);
+      if (status == SendStatus::unfit) outbox_.give_up();
+      if (status == SendStatus::sent || status == SendStatus::unfit) continue;
       outbox_.put_back(std::move(*message));
       break;
     }

@@ -16,6 +16,7 @@ enum class SendStatus : std::uint8_t {
   sent,      ///< handed to the network; that says nothing about who got it
   rejected,  ///< the network would not take it now (full, blocked); the repair protocol makes up for it
   closed,    ///< the exchange is not open
+  unfit,     ///< the network cannot carry this, now or ever: to send it again is of no use
 };
 
 /// Counters of one exchange, all since it was opened.

@@ -27,13 +27,17 @@ const char* to_string(Ailment ailment) {
   return "unknown";
 }
 
+constexpr int max_deaf_in_vain = 3;
+
 Watchdog::Watchdog(const WatchdogParams& params) : params_(params), pause_s_(params.pause_s) { validate(params); }
 
-Ailment Watchdog::observe(double now_s, std::optional<std::size_t> peers, const ExchangeCounters& counters) {
+Ailment Watchdog::observe(double now_s, std::optional<std::size_t> peers, const ExchangeCounters& counters,
+                          double listened_s) {
   if (!begun_s_) begun_s_ = heard_s_ = spoke_s_ = company_s_ = now_s;
   if (counters.messages_taken != taken_) {
     heard_s_ = now_s;
     pause_s_ = params_.pause_s;  // whatever was done, it helped
+    deaf_in_vain_ = 0;
   }
   if (counters.messages_sent != sent_ || counters.send_rejected == rejected_) spoke_s_ = now_s;
   taken_ = counters.messages_taken;
@@ -41,10 +45,16 @@ Ailment Watchdog::observe(double now_s, std::optional<std::size_t> peers, const 
   rejected_ = counters.send_rejected;
   const std::size_t known = peers.value_or(0);
   if (known == 0) heard_s_ = now_s;  // nobody to hear: silence says nothing
-  had_peers_ = had_peers_ || known > 0;
-  if (known > 0 || !had_peers_ || !peers) company_s_ = now_s;
+  if (known > most_peers_) {
+    most_peers_ = known;
+    deaf_in_vain_ = 0;
+  }
+  if (known > 0 || most_peers_ == 0 || !peers) company_s_ = now_s;
   if (!rested(now_s)) return Ailment::none;
-  if (now_s >= heard_s_ + params_.deaf_s) return Ailment::deaf;
+  if (listened_s >= heard_s_ + params_.deaf_s && deaf_in_vain_ < max_deaf_in_vain) {
+    ++deaf_in_vain_;
+    return Ailment::deaf;
+  }
   if (now_s >= spoke_s_ + params_.mute_s) return Ailment::mute;
   if (now_s >= company_s_ + params_.lonely_s) return Ailment::lonely;
   return Ailment::none;

@@ -28,8 +28,11 @@ class Watchdog {
  public:
   explicit Watchdog(const WatchdogParams& params);
 
-  /// `peers` and `counters` of the network as of now. Anything but `none`: open it anew, now, and say so by reopened().
-  Ailment observe(double now_s, std::optional<std::size_t> peers, const ExchangeCounters& counters);
+  /// `peers` and `counters` of the network as of now; `listened_s`: when somebody last took from it what had come in,
+  /// since nothing else tells that nothing had. Anything but `none`: open it anew, now, and say so by reopened(). Deaf
+  /// it is said to be three times in a row at most: then these peers have nothing to say, until one speaks or more
+  /// come.
+  Ailment observe(double now_s, std::optional<std::size_t> peers, const ExchangeCounters& counters, double listened_s);
   /// The network was opened anew, or that failed: it is given time.
   void reopened(double now_s);
   /// The pause since then is over.
@@ -39,7 +42,8 @@ class Watchdog {
   WatchdogParams params_;
   std::optional<double> begun_s_;
   std::uint64_t taken_ = 0, sent_ = 0, rejected_ = 0;
-  bool had_peers_ = false;
+  std::size_t most_peers_ = 0;
+  int deaf_in_vain_ = 0;                                    // times in a row
   double heard_s_ = 0.0, spoke_s_ = 0.0, company_s_ = 0.0;  // last times of: taken, sent or nothing refused, peers
   double not_before_s_ = 0.0;
   double pause_s_;

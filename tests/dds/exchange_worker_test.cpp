@@ -3,6 +3,7 @@
 
 #include <convoy/components/exchange_worker.hpp>
 #include <convoy/dds/impaired_transport.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include "../unit/sample_facts.hpp"
 
@@ -44,6 +45,24 @@ TEST(ExchangeWorkerOverDds, KeepsToItsBudgetByTheBytesOnTheWire) {
     return arrived == facts;
   }));
   EXPECT_GT(seconds_since(begin), static_cast<double>(facts) * 200.0 / budget - burst_s);
+}
+
+TEST(ExchangeWorkerOverDds, WhatTheWireCannotHoldHoldsNothingUp) {
+  DdsExchange<SE2> peer(config_of_this_test());
+  const DdsConfig network = config_of_this_test();
+  Worker worker([&] { return std::make_unique<DdsExchange<SE2>>(network); }, {}, {});
+  ASSERT_TRUE(peer.wait_for_peers(1, deadline_s));
+  auto crooked = test::absolute_fix(1, 1);
+  crooked.covariance(0, 1) *= 1.0 + 1e-15;
+  ASSERT_EQ(worker.send({test::chain_of(1), crooked}), SendStatus::sent) << "it waits";
+  ASSERT_EQ(worker.send({test::chain_of(1), LandmarkBatch<SE2>{{rounded(test::landmark(1, 4))}}}), SendStatus::sent);
+  std::size_t landmarks = 0;
+  EXPECT_TRUE(eventually([&] {
+    for (const auto& message : peer.take(0.0)) landmarks += std::holds_alternative<LandmarkBatch<SE2>>(message.payload);
+    return landmarks == 1;
+  }));
+  EXPECT_EQ(worker.worker_counters().outbox.unfit, 1U);
+  EXPECT_EQ(worker.counters().send_rejected, 0U);
 }
 
 TEST(ExchangeWorkerOverDds, ANetworkThatHasGoneDeafIsOpenedAnewAndSpeaksAgain) {

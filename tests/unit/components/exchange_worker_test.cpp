@@ -26,6 +26,9 @@ struct World {
   std::atomic<bool> refuses{false};  ///< send() says no
   std::atomic<bool> deaf{false};
   std::atomic<bool> cannot_open{false};
+  std::atomic<bool> opening_throws_a_number{false};
+  std::atomic<bool> throws{false};  ///< send() does, though it must not
+  std::atomic<bool> slow{false};    ///< send() takes 20 ms
   std::atomic<std::size_t> peers{1};
 
   std::size_t count() {
@@ -39,6 +42,8 @@ class Network final : public SubmapExchange<SE2> {
   explicit Network(World& world) : world_(world), ails_(world.opened++ == 0) { ++world_.open; }
   ~Network() override { --world_.open; }
   SendStatus send(const Message<SE2>& message) override {
+    if (world_.throws) throw std::runtime_error("out of sockets");
+    if (world_.slow) std::this_thread::sleep_for(std::chrono::milliseconds(20));
     while (world_.stuck) std::this_thread::sleep_for(std::chrono::milliseconds(1));
     if (world_.refuses && ails_) {
       ++rejected_;
@@ -75,6 +80,7 @@ class ExchangeWorkerTest : public testing::Test {
   std::unique_ptr<ExchangeWorker<SE2>> worker(const BudgetParams& budget = {}, const WatchdogParams& watchdog = {}) {
     return std::make_unique<ExchangeWorker<SE2>>(
         [this]() -> std::unique_ptr<SubmapExchange<SE2>> {
+          if (world_.opening_throws_a_number) throw 42;
           if (world_.cannot_open) throw ConfigError("no such interface");
           return std::make_unique<Network>(world_);
         },
@@ -118,12 +124,52 @@ TEST_F(ExchangeWorkerTest, ADeafNetworkIsOpenedAnewAndCountersGoOn) {
   world_.deaf = true;
   auto exchange = worker({}, quick);
   for (std::uint32_t k = 0; k < 5; ++k) (void)exchange->send({chain_of(1), test::anchor(1, k)});
-  EXPECT_TRUE(eventually([&] { return exchange->worker_counters().reopened == 1; }));
+  EXPECT_TRUE(eventually([&] {
+    if (world_.opened == 1) exchange->take(0.0);
+    return exchange->worker_counters().reopened == 1;
+  }));
   EXPECT_EQ(exchange->worker_counters().last_ailment, Ailment::deaf);
   EXPECT_EQ(world_.opened, 2);
   EXPECT_EQ(world_.open, 1);
   EXPECT_FALSE(exchange->take(0.0).empty());
   EXPECT_EQ(exchange->counters().messages_sent, 5U);
+}
+
+TEST_F(ExchangeWorkerTest, WhereNobodyTakesTheNetworkIsNotDeaf) {
+  auto exchange = worker({}, quick);
+  std::this_thread::sleep_for(std::chrono::milliseconds(2500));
+  EXPECT_EQ(exchange->worker_counters().reopened, 0U);
+}
+
+TEST_F(ExchangeWorkerTest, AfterAnExceptionItGoesOn) {
+  auto exchange = worker({}, quick);
+  world_.throws = true;
+  (void)exchange->send({chain_of(1), test::anchor(1, 0)});
+  EXPECT_TRUE(eventually([&] { return exchange->worker_counters().failures.count >= 1; }));
+  EXPECT_EQ(exchange->worker_counters().failures.last_error, "out of sockets");
+  world_.throws = false;
+  (void)exchange->send({chain_of(1), test::anchor(1, 1)});
+  EXPECT_TRUE(eventually([&] { return world_.count() == 1; }));
+}
+
+TEST_F(ExchangeWorkerTest, WhateverOpeningThrowsItIsTriedAgain) {
+  auto exchange = worker({}, quick);
+  std::this_thread::sleep_for(std::chrono::milliseconds(700));  // it has seen its peer
+  world_.opening_throws_a_number = true;
+  world_.peers = 0;
+  EXPECT_TRUE(eventually([&] { return exchange->worker_counters().reopen_failed >= 1; }));
+  world_.opening_throws_a_number = false;
+  EXPECT_TRUE(eventually([&] { return exchange->worker_counters().reopened >= 1; }));
+}
+
+TEST_F(ExchangeWorkerTest, ItsEndIsBounded) {
+  world_.slow = true;
+  auto exchange = worker();
+  for (std::uint32_t k = 0; k < 500; ++k) (void)exchange->send({chain_of(1), test::anchor(1, k)});
+  const auto begin = Clock::now();
+  exchange.reset();
+  EXPECT_LT(seconds_since(begin), 4.0);  // all of it would take ten seconds
+  EXPECT_LT(world_.count(), 500U);
 }
 
 TEST_F(ExchangeWorkerTest, WhatAMuteNetworkRefusedIsSentByTheNext) {

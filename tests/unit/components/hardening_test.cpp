@@ -96,6 +96,19 @@ TEST(Hardening, OfTwoVehiclesWithOneIdTheLaterOneIsRefused) {
   ASSERT_TRUE(fleet.settle());  // what was withheld has been brought
   EXPECT_NE(fleet.members[0]->manager.store().anchor({{2, 8}, 3}), nullptr);
 }
+// Each hears the two others in turn.
+TEST(Hardening, OfThreeVehiclesWithOneIdTheFirstRemains) {
+  test::ScriptedFleet fleet;
+  for (Epoch epoch = 7; epoch <= 9; ++epoch) {
+    test::MemberOptions options;
+    options.epoch = epoch;
+    fleet.add(2, options);
+  }
+  fleet.drive(60);
+  EXPECT_FALSE(fleet.members[0]->manager.refused());
+  EXPECT_TRUE(fleet.members[1]->manager.refused());
+  EXPECT_TRUE(fleet.members[2]->manager.refused());
+}
 // What an earlier run of this vehicle said just before it died is no second process, however late it comes.
 TEST(Hardening, AnEchoOfTheLastRunIsNoRival) {
   Impairment slow;
@@ -186,6 +199,205 @@ TEST(Hardening, AnImpersonatorDoesNotSilenceOurAnswers) {
   EXPECT_TRUE(answered);
 }
 // A landmark the store refuses takes an index anyway: a hole that nobody can ever fill, in every store of the fleet.
+/// Vehicle 1 alone, what it hears, and what it says.
+struct Speaker {
+  explicit Speaker(const SubmapManagerParams& params = {}) : manager({1, 1}, *exchange, params) {}
+  void hear(const ChainId& sender, Payload<SE2> payload) { (void)ear->send({sender, std::move(payload)}); }
+  std::vector<Message<SE2>> said() { return ear->take(0.0); }
+  InProcessNetwork<SE2> network;
+  std::unique_ptr<SubmapExchange<SE2>> exchange = network.join(), ear = network.join();
+  SubmapManager<SE2> manager;
+};
+/// R D R^T as it comes out: symmetric but for its last bits.
+template <class Square>
+Square turned(double angle) {
+  Square R = Square::Identity();
+  R.template topLeftCorner<2, 2>() << std::cos(angle), -std::sin(angle), std::sin(angle), std::cos(angle);
+  typename Eigen::Matrix<double, Square::RowsAtCompileTime, 1> sigmas;
+  for (Eigen::Index i = 0; i < sigmas.size(); ++i) sigmas[i] = 0.1 + 0.7 * static_cast<double>(i);
+  return R * sigmas.asDiagonal() * R.transpose();
+}
+template <class Matrix>
+bool is_symmetric(const Matrix& P) {
+  return P == P.transpose();
+}
+// What a host gives may be symmetric but for rounding; what is told is so to the bit, since half of it is sent.
+TEST(Hardening, CovariancesAreToldSymmetricToTheBit) {
+  int crooked = 0;
+  for (int k = 0; k < 50; ++k) {
+    const auto P = turned<Eigen::Matrix2d>(0.1 * k);
+    const auto D = turned<Eigen::Matrix3d>(0.1 * k);
+    crooked += !is_symmetric(P) && !is_symmetric(D);
+    Speaker speaker;
+    ChainState<SE2> state;
+    state.stamp_s = state.abscissa_m = 10.0;
+    state.drift = D;
+    LandmarkFact<SE2> landmark;
+    landmark.position = {1.0, 2.0};
+    landmark.covariance = P;
+    speaker.manager.open_chain(0.0, Estimate<SE2>{SE2(), D});
+    ASSERT_TRUE(speaker.manager.publish_segment(state, {landmark})[0]);
+    ASSERT_TRUE(speaker.manager.publish_absolute_fix(state, {0.0, 0.0}, {1.0, 2.0}, P));
+    ASSERT_TRUE(speaker.manager.publish_encounter(state, 2, {1.0, 2.0}, P));
+    ASSERT_TRUE(speaker.manager.publish_waypoint(state, {{2, 1}, 0}, {0.0, 0.0}));
+    LivePose<SE2> live;
+    live.state = state;
+    live.shared = D;
+    live.remembered = {{0, {1.0, 2.0}, P}};
+    speaker.manager.publish_live(live);
+    const auto said = speaker.said();
+    EXPECT_EQ(said.size(), 8U);
+    for (const auto& message : said)
+      std::visit(
+          [](const auto& told) {
+            using Told = std::decay_t<decltype(told)>;
+            if constexpr (requires { told.state.drift; }) {
+              EXPECT_TRUE(is_symmetric(told.state.drift));
+            }
+            if constexpr (requires { told.covariance; }) {
+              EXPECT_TRUE(is_symmetric(told.covariance));
+            }
+            if constexpr (std::is_same_v<Told, LivePose<SE2>>) {
+              EXPECT_TRUE(is_symmetric(told.shared));
+              ASSERT_EQ(told.remembered.size(), 1U);
+              EXPECT_TRUE(is_symmetric(told.remembered[0].covariance));
+            }
+            if constexpr (std::is_same_v<Told, LandmarkBatch<SE2>>) {
+              EXPECT_TRUE(is_symmetric(told.landmarks.at(0).covariance));
+            }
+          },
+          message.payload);
+  }
+  EXPECT_GT(crooked, 5) << "else this tests nothing";
+}
+// What is refused is no answer to who asked for the true one, which somebody else wrote.
+TEST(Hardening, ARefusedFactDoesNotSilenceWhoRelays) {
+  Speaker self;
+  self.manager.open_chain(0.0, std::nullopt);
+  self.hear({3, 1}, anchor_fact({3, 1}, 1));
+  self.manager.step(0.0);
+  self.said();
+  auto bogus = anchor_fact({3, 1}, 1);
+  bogus.state.pose = SE2(nan_, 0.0, 0.0);
+  self.hear({7, 1}, Request{{3, 1}, FactKind::anchor, {{1, 2}}});
+  self.hear({7, 1}, bogus);
+  bogus.state.pose = SE2(5.0, 0.0, 0.0);  // finite, and other than what is known
+  self.hear({7, 1}, bogus);
+  int answers = 0;
+  for (double now_s = 1.0; now_s < 3.0; now_s += 0.1) {
+    self.manager.step(now_s);
+    for (const auto& message : self.said())
+      if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload)) answers += anchor->key == Key{{3, 1}, 1};
+  }
+  EXPECT_EQ(answers, 1);
+}
+TEST(Hardening, ALivePoseThatWasOvertakenDoesNotCount) {
+  Speaker self;
+  self.manager.open_chain(0.0, std::nullopt);
+  self.hear({3, 1}, anchor_fact({3, 1}, 0));
+  const auto hear = [&](double stamp_s, std::uint32_t anchor) {
+    LivePose<SE2> live;
+    live.chain = {3, 1};
+    live.anchor = anchor;
+    live.state.stamp_s = stamp_s;
+    self.hear({3, 1}, live);
+  };
+  const auto stamp_at = [&](double now_s) {
+    self.manager.step(now_s);
+    for (const auto& vehicle : self.manager.vehicles(now_s))
+      if (vehicle.chain == ChainId{3, 1}) return vehicle.slam.stamp_s;
+    return nan_;
+  };
+  hear(10.0, 1);
+  EXPECT_EQ(stamp_at(0.0), 10.0);
+  hear(9.0, 1);
+  EXPECT_EQ(stamp_at(1.0), 10.0);
+  hear(11.0, 0);
+  EXPECT_EQ(stamp_at(2.0), 10.0);
+  hear(12.0, 1);
+  EXPECT_EQ(stamp_at(3.0), 12.0);
+  hear(1e9, 1);  // somebody else, under this name
+  EXPECT_EQ(stamp_at(4.0), 1e9);
+  hear(13.0, 1);
+  EXPECT_EQ(stamp_at(5.0), 1e9);
+  hear(25.0, 1);
+  EXPECT_EQ(stamp_at(25.0), 25.0) << "it does not last";
+}
+// However much waits, a step does not take long; and what comes of it is the same.
+TEST(Hardening, AStepTakesSoMuchAndTheRestInItsOrderLater) {
+  SubmapManagerParams params;
+  params.facts_per_step = 10;
+  Speaker slow(params), quick;
+  for (Speaker* self : {&slow, &quick}) {
+    self->manager.open_chain(0.0, std::nullopt);
+    for (std::uint32_t k = 0; k < 25; ++k) self->hear({3, 1}, anchor_fact({3, 1}, k));
+    auto other = anchor_fact({3, 1}, 22);  // comes too late to be the one that is held
+    other.state.stamp_s += 1.0;
+    self->hear({3, 1}, other);
+  }
+  quick.manager.step(0.0);
+  EXPECT_FALSE(quick.manager.busy());
+  const auto& held = slow.manager.store().chains();
+  for (const std::size_t count : {10U, 20U, 25U}) {
+    slow.manager.step(0.0);
+    EXPECT_EQ(held.at({3, 1}).anchors.size(), count);
+    EXPECT_EQ(slow.manager.busy(), count < 25U);
+  }
+  EXPECT_EQ(held.at({3, 1}).anchors.at(22).state.stamp_s, 220.0);
+  EXPECT_EQ(slow.manager.store().holdings(), quick.manager.store().holdings());
+}
+class Memory final : public JournalMedium {
+ public:
+  explicit Memory(Bytes& bytes) : bytes_(bytes) {}
+  Bytes read() override { return bytes_; }
+  bool append(std::span<const std::uint8_t> more) override {
+    bytes_.insert(bytes_.end(), more.begin(), more.end());
+    return true;
+  }
+  bool cut(std::uint64_t size) override {
+    bytes_.resize(size);
+    return true;
+  }
+
+ private:
+  Bytes& bytes_;
+};
+// Strangers have filled this vehicle's share under its earlier epochs, and the journal holds that.
+TEST(Hardening, AFullShareOfEarlierEpochsInTheJournalEndsNothing) {
+  SubmapManagerParams params;
+  params.limits.max_chains_per_vehicle = 3;
+  Bytes bytes;
+  {
+    FactStore<SE2> store;
+    Journal<SE2> journal(std::make_unique<Memory>(bytes));
+    journal.restore(store);
+    for (Epoch epoch = 1; epoch <= 6; ++epoch) journal.append(anchor_fact({1, epoch}, 0), 0.0);
+  }
+  Journal<SE2> journal(std::make_unique<Memory>(bytes));
+  InProcessNetwork<SE2> network;
+  const auto exchange = network.join();
+  SubmapManager<SE2> manager({1, 9}, *exchange, params);
+  manager.keep_in(journal);
+  EXPECT_EQ(journal.counters().restored, 3U);
+  manager.open_chain(0.0, std::nullopt);
+  ChainState<SE2> state;
+  state.stamp_s = state.abscissa_m = 10.0;
+  LandmarkFact<SE2> landmark;
+  landmark.position = {1.0, 2.0};
+  landmark.covariance = Eigen::Matrix2d::Identity();
+  EXPECT_NO_THROW({
+    manager.publish_segment(state, {landmark});
+    (void)manager.publish_encounter(state, 2, {1.0, 2.0}, Eigen::Matrix2d::Identity());
+    (void)manager.publish_waypoint(state, {{2, 1}, 0}, {0.0, 0.0});
+    (void)manager.publish_absolute_fix(state, {0.0, 0.0}, {1.0, 2.0}, Eigen::Matrix2d::Identity());
+    LivePose<SE2> live;
+    live.state = state;
+    manager.publish_live(live);
+    manager.step(1.0);
+    manager.rebuild(1.0, true);
+    manager.vehicles(1.0);
+  });
+}
 TEST(Hardening, ARefusedOwnLandmarkLeavesNoHole) {
   InProcessNetwork<SE2> network;
   const auto e1 = network.join(), e2 = network.join();

@@ -3,12 +3,14 @@
 #include <convoy/exchange/in_process.hpp>
 #include <convoy/frontend/frozen_landmarks.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/map/sparse_map.hpp>
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <unistd.h>
 
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -408,6 +410,132 @@ TEST_F(VehicleTest, ParametersAreChecked) {
     p.state_folder.clear();
   }));
   EXPECT_TRUE(refused([](P& p) { p.association.min_pairings = 0; }));
+}
+
+/// Throws while it is told to.
+class Throwing final : public SubmapExchange<SE2> {
+ public:
+  Throwing(std::unique_ptr<SubmapExchange<SE2>> inner, std::atomic<bool>& throws)
+      : inner_(std::move(inner)), throws_(throws) {}
+  SendStatus send(const Message<SE2>& message) override { return inner_->send(message); }
+  std::vector<Message<SE2>> take(double now_s) override {
+    if (throws_) throw std::runtime_error("no buffer");
+    return inner_->take(now_s);
+  }
+  ExchangeCounters counters() const override { return inner_->counters(); }
+
+ private:
+  std::unique_ptr<SubmapExchange<SE2>> inner_;
+  std::atomic<bool>& throws_;
+};
+
+class ThrowingBackend final : public Backend<SE2> {
+ public:
+  std::unique_ptr<Map<SE2>> solve(Problem<SE2> problem) const override {
+    if (throws) throw std::runtime_error("singular");
+    return SparseMap<SE2>().solve(std::move(problem));
+  }
+  std::atomic<bool> throws{false};
+};
+
+TEST_F(VehicleTest, WhatTheNetworkOrTheSolverThrowsEndsNothing) {
+  std::atomic<bool> throws{true};
+  const auto backend = std::make_shared<ThrowingBackend>();
+  Vehicle<SE2> v(
+      params_, front_end_, [&] { return std::make_unique<Throwing>(network_.join(), throws); }, clock_s);
+  v.use_backend(backend);
+  v.configure();
+  auto peer = network_.join();
+  AnchorFact<SE2> anchor;
+  anchor.key = {{7, 1}, 0};
+  (void)peer->send({{7, 1}, anchor});
+  const auto soon = [&](auto condition) {
+    for (int k = 0; k < 5000 && !condition(v.snapshot()); ++k)
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    return condition(v.snapshot());
+  };
+  v.activate();
+  EXPECT_TRUE(soon([](const auto& s) { return s.failures.count > 3 && s.submaps.maps_built > 0; }))
+      << "the rest goes on meanwhile";
+  EXPECT_EQ(v.snapshot().failures.last_error, "no buffer");
+  throws = false;
+  EXPECT_TRUE(soon([](const auto& s) { return s.settled && s.vehicles.size() == 2; }));
+
+  backend->throws = true;
+  PriorFact<SE2> prior;
+  prior.key = {{7, 1}, 0};
+  (void)peer->send({{7, 1}, prior});
+  EXPECT_TRUE(soon([](const auto& s) { return s.failures.last_error == "singular"; }));
+  backend->throws = false;
+  EXPECT_TRUE(soon([](const auto& s) { return s.settled; })) << "nothing that was ordered is lost";
+}
+
+TEST_F(VehicleTest, WhatAFrontEndThrowsItsHostGetsAndTheVehicleGoesOn) {
+  vehicle().configure();
+  vehicle().activate();
+  EXPECT_THROW(vehicle().feed([] { throw std::runtime_error("no such track"); }), std::runtime_error);
+  close_segment();
+  EXPECT_TRUE(eventually([](const auto& s) { return s.settled && s.landmarks_known == 3; }));
+}
+
+/// Two batches of one place.
+class SamePlaceTwice : public VehicleTest {
+ protected:
+  SamePlaceTwice() { params_.association.min_pairings = 3; }
+  void see_it() {
+    ASSERT_TRUE(vehicle().feed([&] {
+      FrontEndState<SE2> state = front_end_.state();
+      state.stamp_s += 10.0;
+      state.abscissa_m += 0.5;
+      ASSERT_TRUE(front_end_.advance(state));
+      std::vector<FrozenLandmark<SE2>> landmarks;
+      for (int k = 0; k < 6; ++k)
+        landmarks.push_back({{1.0 + 3.0 * k, 2.0 + k * k},
+                             0.01 * Eigen::Matrix2d::Identity(),
+                             SE2::Loading::Zero(),
+                             {},
+                             static_cast<std::uint64_t>(k)});
+      front_end_.close(landmarks);
+    }));
+  }
+};
+
+TEST_F(SamePlaceTwice, WhatAConstraintOfTheHostThrowsEndsNothing) {
+  std::atomic<int> asked{0};
+  params_.looks_alike = [&](const auto&, const auto&) -> bool {
+    ++asked;
+    throw std::runtime_error("no picture");
+  };
+  vehicle().configure();
+  vehicle().activate();
+  see_it();
+  see_it();
+  EXPECT_TRUE(eventually([](const auto& s) { return s.failures.last_error == "no picture"; }));
+  EXPECT_TRUE(eventually([](const auto& s) { return s.settled && s.landmarks_known == 12; }));
+  EXPECT_GT(asked, 0);
+}
+
+TEST_F(SamePlaceTwice, ASearchKeepsNobodyWaiting) {
+  std::atomic<bool> searching{false}, may_end{false};
+  const double until_s = clock_s() + 20.0;
+  params_.looks_alike = [&](const auto&, const auto&) {
+    searching = true;
+    while (!may_end && clock_s() < until_s) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return true;
+  };
+  vehicle().configure();
+  vehicle().activate();
+  see_it();
+  see_it();
+  for (int k = 0; k < 10'000 && !searching; ++k) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  ASSERT_TRUE(searching);
+  const double begin_s = clock_s();
+  see_it();
+  EXPECT_EQ(vehicle().snapshot().landmarks_known, 18U);
+  EXPECT_LT(clock_s() - begin_s, 5.0);  // the search takes twenty
+  EXPECT_FALSE(vehicle().snapshot().settled);
+  may_end = true;
+  EXPECT_TRUE(eventually([](const auto& s) { return s.settled && s.association.accepted > 0; }));
 }
 
 TEST_F(VehicleTest, IsGoneCleanlyWhileActive) {

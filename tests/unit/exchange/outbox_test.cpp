@@ -34,6 +34,7 @@ class Counting final : public SubmapExchange<SE2> {
  public:
   SendStatus send(const Message<SE2>& message) override {
     if (blocked) return SendStatus::rejected;
+    if (!carries_fixes && std::holds_alternative<AbsoluteFixFact<SE2>>(message.payload)) return SendStatus::unfit;
     sent.push_back(message);
     counters_.bytes_sent += bytes_per_message;
     return SendStatus::sent;
@@ -44,7 +45,7 @@ class Counting final : public SubmapExchange<SE2> {
 
   static constexpr std::uint64_t bytes_per_message = 100;
   std::vector<Message<SE2>> sent;
-  bool blocked = false;
+  bool blocked = false, carries_fixes = true;
 
  private:
   ExchangeCounters counters_;
@@ -94,6 +95,71 @@ TEST(Outbox, WhatTheNetworkSpendsByItselfIsPaidFromTheBudget) {
   }
   EXPECT_GE(paced.network->sent.size(), 10U + 18U);
   EXPECT_LE(paced.network->sent.size(), 10U + 22U);
+}
+
+TEST(Outbox, WhereTheNetworkByItselfTakesTheBudgetATenthIsForMessagesStill) {
+  Paced paced(1000.0);
+  int digests = 0;
+  for (int i = 0; i < 60'000; ++i) {  // ten minutes, of 1200 bytes per second
+    if (i % 100 == 0) (void)paced.exchange.send(of(digest_at(i)));
+    if (i % 100 == 0) (void)paced.exchange.send(of(test::anchor(1, static_cast<std::uint32_t>(i))));
+    paced.network->background(12);
+    paced.exchange.take(0.01 * i);
+  }
+  for (const auto& message : paced.network->sent) digests += std::holds_alternative<Digest>(message.payload);
+  EXPECT_GE(digests, 10);
+  EXPECT_NEAR(static_cast<double>(paced.network->sent.size()), 600.0, 60.0) << "100 bytes per second";
+  EXPECT_GT(paced.exchange.outbox_counters().in_debt, 400U);
+}
+
+TEST(Outbox, AfterABurstOfTheNetworkItGoesOnWithinSeconds) {
+  Paced paced(1000.0);
+  paced.exchange.take(0.0);
+  paced.network->background(1'000'000);  // discovery of a whole fleet
+  paced.exchange.take(0.1);
+  for (std::uint32_t k = 0; k < 1000; ++k) (void)paced.exchange.send(of(test::anchor(1, k)));
+  for (int i = 0; i < 2000; ++i) paced.exchange.take(0.1 + 0.01 * i);
+  EXPECT_GE(paced.network->sent.size(), 90U);  // in ten of twenty seconds
+  EXPECT_LE(paced.network->sent.size(), 115U);
+}
+
+TEST(Outbox, OnesOwnRequestsDoNotStarveTheDigest) {
+  Paced paced(100.0);
+  double last_s = 0.0, longest_s = 0.0;
+  std::size_t seen = 0, requests = 0;
+  for (int i = 0; i < 6000; ++i) {
+    const double now_s = 0.1 * i;
+    if (i % 10 == 0) (void)paced.exchange.send(of(digest_at(now_s)));
+    if (i % 10 == 0) (void)paced.exchange.send(of(Request{}));
+    paced.exchange.take(now_s);
+    for (; seen < paced.network->sent.size(); ++seen) {
+      requests += std::holds_alternative<Request>(paced.network->sent[seen].payload);
+      if (!std::holds_alternative<Digest>(paced.network->sent[seen].payload)) continue;
+      longest_s = std::max(longest_s, now_s - last_s);
+      last_s = now_s;
+    }
+  }
+  EXPECT_LT(longest_s, 3.0);
+  EXPECT_NEAR(static_cast<double>(requests), 300.0, 20.0) << "nor the other way round";
+}
+
+TEST(Outbox, OnesOwnNewsDoNotWaitBehindRepeats) {
+  Paced paced(100.0);  // one message per second
+  for (std::uint32_t k = 0; k < 200; ++k) (void)paced.exchange.send(of(LandmarkBatch<SE2>{{landmark(k, 0.1, k)}}));
+  for (int i = 0; i < 30'000; ++i) paced.exchange.take(0.01 * i);
+  ASSERT_EQ(paced.network->sent.size(), 200U);
+  for (std::uint32_t k = 0; k < 200; ++k) {  // a peer asks for them, and for those of somebody else
+    (void)paced.exchange.send(of(LandmarkBatch<SE2>{{landmark(k, 0.1, k)}}));
+    (void)paced.exchange.send(of(test::anchor(2, k)));
+  }
+  for (std::uint32_t k = 200; k < 220; ++k) (void)paced.exchange.send(of(LandmarkBatch<SE2>{{landmark(k, 0.5, k)}}));
+  for (int i = 0; i < 5000; ++i) paced.exchange.take(301.0 + 0.01 * i);
+  std::size_t news = 0;
+  for (std::size_t k = 200; k < paced.network->sent.size(); ++k)
+    if (const auto* batch = std::get_if<LandmarkBatch<SE2>>(&paced.network->sent[k].payload))
+      news += batch->landmarks.at(0).key.index >= 200;
+  EXPECT_EQ(news, 20U);
+  EXPECT_GE(paced.network->sent.size(), 200U + 45U) << "the others have their turn";
 }
 
 TEST(Outbox, TheMostInformativeLandmarksGoFirst) {
@@ -170,6 +236,17 @@ TEST(Outbox, WhatTheNetworkDoesNotTakeStays) {
     if (const auto* anchor = std::get_if<AnchorFact<SE2>>(&message.payload)) arrived.insert(anchor->key.index);
   EXPECT_EQ(arrived.size(), 20U);
   EXPECT_EQ(paced.network->sent.size(), 21U);
+}
+
+TEST(Outbox, WhatTheNetworkCannotCarryIsDroppedAndHoldsNothingUp) {
+  Paced paced(0.0);
+  paced.network->carries_fixes = false;
+  (void)paced.exchange.send(of(test::absolute_fix(1, 1)));
+  (void)paced.exchange.send(of(LandmarkBatch<SE2>{{landmark(3, 0.1)}}));
+  paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->sent.size(), 1U);
+  EXPECT_EQ(paced.exchange.outbox_counters().unfit, 1U);
+  EXPECT_EQ(paced.exchange.outbox_counters().facts_waiting, 0U);
 }
 
 TEST(Outbox, WhatItHasNoRoomForIsCountedAndSaid) {

@@ -20,12 +20,15 @@ struct Network {
       counters.messages_taken += taken;
       counters.messages_sent += sent;
       counters.send_rejected += rejected;
-      ailment = dog.observe(now_s, peers, counters);
+      if (somebody_listens) listened_s = now_s;
+      ailment = dog.observe(now_s, peers, counters, listened_s);
       if (ailment != Ailment::none) return now_s - from_s;
     }
     return 1e9;
   }
   Ailment ailment = Ailment::none;
+  bool somebody_listens = true;
+  double listened_s = 0.0;
 };
 
 TEST(Watchdog, ALivelyNetworkIsLeftAlone) {
@@ -48,6 +51,34 @@ TEST(Watchdog, DeafIsWhoHearsNothingThoughPeersAreThere) {
   EXPECT_NEAR(network.healthy_for(1000.0, 0, 1, 0), 20.0, 1.0);
   network.dog.reopened(network.now_s);
   EXPECT_NEAR(network.healthy_for(1000.0, 0, 1, 0), 30.0, 1.0) << "so the pauses begin anew";
+}
+
+TEST(Watchdog, PeersThatNeverSpeakAreLeftAloneInTheEnd) {
+  Network network;  // with a monitor, or a vehicle that was refused
+  for (int k = 0; k < 3; ++k) {
+    EXPECT_LT(network.healthy_for(1000.0, 0, 1, 0), 1e9) << k;
+    network.dog.reopened(network.now_s);
+  }
+  EXPECT_EQ(network.healthy_for(20000.0, 0, 1, 0), 1e9);
+  network.peers = 3;  // somebody came, and should be heard
+  EXPECT_LT(network.healthy_for(1000.0, 0, 1, 0), 1e9);
+  EXPECT_EQ(network.ailment, Ailment::deaf);
+  network.dog.reopened(network.now_s);
+  EXPECT_EQ(network.healthy_for(10.0, 1, 1, 0), 1e9);  // and was
+  EXPECT_LT(network.healthy_for(1000.0, 0, 1, 0), 1e9);
+}
+
+TEST(Watchdog, WhereNobodyListensNothingIsHeard) {
+  Network network;
+  network.somebody_listens = false;  // the host is inactive
+  EXPECT_EQ(network.healthy_for(1000.0, 0, 1, 0), 1e9);
+  network.somebody_listens = true;
+  EXPECT_EQ(network.healthy_for(1000.0, 1, 1, 0), 1e9);
+  network.somebody_listens = false;
+  EXPECT_EQ(network.healthy_for(1000.0, 0, 1, 0), 1e9);
+  network.somebody_listens = true;  // and there is nothing: that it is deaf is known at once
+  EXPECT_EQ(network.healthy_for(1000.0, 0, 1, 0), 0.0);
+  EXPECT_EQ(network.ailment, Ailment::deaf);
 }
 
 TEST(Watchdog, SilenceWithoutPeersIsNoAilment) {
