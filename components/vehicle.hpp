@@ -74,7 +74,7 @@ struct VehicleSnapshot {
   ExchangeWorkerCounters network;
   PeerGuardCounters peers;
   std::optional<std::size_t> live_peers;  ///< SubmapExchange::live_peers()
-  JournalCounters journal;  ///< zero without one
+  JournalCounters journal;                ///< zero without one
   std::array<std::uint64_t, insertion_count> insertions{};
 };
 

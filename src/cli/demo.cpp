@@ -39,7 +39,7 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 
 constexpr const char* here = "127.0.0.1";  // all that a demo speaks on
-constexpr double silence_s = 5.0;  // a vehicle speaks every quarter of a second
+constexpr double silence_s = 5.0;          // a vehicle speaks every quarter of a second
 
 double unix_now_s() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();

@@ -131,7 +131,8 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   vehicle.on_export([&](std::uint32_t index, std::uint64_t track) { output.write_label(epoch, index, track); });
   vehicle.configure();
   epoch = vehicle.snapshot().self.epoch;
-  spdlog::info("{}; {} sensor readings from {}", start_line(config, epoch), events.size(), config.sensors.file.string());
+  spdlog::info("{}; {} sensor readings from {}", start_line(config, epoch), events.size(),
+               config.sensors.file.string());
   if (const auto notice = journal_notice(config, vehicle.snapshot().journal)) log(*notice);
   for (const Notice& notice : budget_notices(config, keeps_history)) log(notice);
   vehicle.activate();

@@ -8,7 +8,8 @@ namespace convoy::cli {
 namespace {
 
 using Level = Notice::Level;
-constexpr double bytes_per_landmark = 60.0;  // with a full loading in the plane, everything included
+// Of landmarks with full loadings in the plane, everything included (qos_profiles/README.md).
+constexpr double message_bytes = 224.0, landmark_bytes = 40.0;
 
 template <class List>
 std::string joined(const List& list, const char* between = ", ") {
@@ -66,10 +67,11 @@ std::vector<Notice> budget_notices(const VehicleConfig<G>& config, bool keeps_hi
   std::vector<Notice> notices;
   if (budget.bytes_per_s <= 0.0) return notices;
   if (keeps_history)
-    notices.push_back({Level::warning, config.dds.profile_file +
-                                           ": this profile keeps history, which late joiners get at once and not as the "
-                                           "budget says; a budget wants a profile without, such as low_bandwidth.xml"});
-  const double batch_bytes = bytes_per_landmark * budget.batch_limit;
+    notices.push_back(
+        {Level::warning, config.dds.profile_file +
+                             ": this profile keeps history, which late joiners get at once and not as the "
+                             "budget says; a budget wants a profile without, such as low_bandwidth.xml"});
+  const double batch_bytes = message_bytes + landmark_bytes * budget.batch_limit;
   if (const double burst_bytes = budget.burst_s * budget.bytes_per_s; batch_bytes > burst_bytes)
     notices.push_back({Level::warning, "a message of <budget batch_limit> " + std::to_string(budget.batch_limit) +
                                            " landmarks takes some " + number(batch_bytes) +
@@ -98,7 +100,8 @@ std::string VehicleWarnings<G>::how_to_be_heard() const {
   const dds::DdsConfig& dds = config_.dds;
   return "check that others run, with the same domain, profile and " +
          std::string(dds.security_folder.empty() ? "also without DDS Security" : "certificates of the same fleet") +
-         (dds.initial_peers.empty() ? "" : ", that they are where <dds peers> says (" + joined(dds.initial_peers) + ")") +
+         (dds.initial_peers.empty() ? ""
+                                    : ", that they are where <dds peers> says (" + joined(dds.initial_peers) + ")") +
          (dds.discovery_servers.empty() ? ""
                                         : ", that a Discovery Server answers at " + joined(dds.discovery_servers)) +
          ", and that the interfaces are up";
@@ -115,8 +118,8 @@ void VehicleWarnings<G>::look_at_peers(const VehicleSnapshot<G>& s, double wall_
   }
   if (!alone_since_s_) alone_since_s_ = wall_s;
   say_while(wall_s - *alone_since_s_ >= lonely_s, alone_, Level::warning,
-            "no other vehicle is there for " + number(lonely_s) + " s; this one speaks on " + speech_of(config_) + ": " +
-                how_to_be_heard());
+            "no other vehicle is there for " + number(lonely_s) + " s; this one speaks on " + speech_of(config_) +
+                ": " + how_to_be_heard());
 }
 
 template <class G>
@@ -157,9 +160,10 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
   look_at_clocks(s);
   look_at_peers(s, wall_s);
   look_at_roster(s, wall_s);
-  say_while(s.submaps.unknown_senders > 0, strangers_, Level::warning,
-            "somebody who is not on the roster speaks, and is not listened to; add it to <vehicle roster> everywhere, or "
-            "give the fleets domains of their own");
+  say_while(
+      s.submaps.unknown_senders > 0, strangers_, Level::warning,
+      "somebody who is not on the roster speaks, and is not listened to; add it to <vehicle roster> everywhere, or "
+      "give the fleets domains of their own");
   if (s.network.reopened > reopened_)
     say(Level::warning, std::string("the network was ") + to_string(s.network.last_ailment) +
                             "; it was opened anew, and what was missed is asked for");
@@ -178,11 +182,11 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
   return std::move(notices_);
 }
 
-#define CONVOY_INSTANTIATE(G)                                                                      \
-  template std::string speech_of(const VehicleConfig<G>&);                                         \
-  template std::string start_line(const VehicleConfig<G>&, Epoch);                                 \
-  template std::optional<Notice> journal_notice(const VehicleConfig<G>&, const JournalCounters&);  \
-  template std::vector<Notice> budget_notices(const VehicleConfig<G>&, bool);                      \
+#define CONVOY_INSTANTIATE(G)                                                                     \
+  template std::string speech_of(const VehicleConfig<G>&);                                        \
+  template std::string start_line(const VehicleConfig<G>&, Epoch);                                \
+  template std::optional<Notice> journal_notice(const VehicleConfig<G>&, const JournalCounters&); \
+  template std::vector<Notice> budget_notices(const VehicleConfig<G>&, bool);                     \
   template class VehicleWarnings<G>;
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 

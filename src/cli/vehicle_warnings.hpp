@@ -23,7 +23,8 @@ struct Notice {
 template <class G>
 std::string speech_of(const VehicleConfig<G>& config);
 
-/// What a user should know at the start: how the vehicle speaks, and what it was told of impairment, budget and journal.
+/// What a user should know at the start: how the vehicle speaks, and what it was told of impairment, budget and
+/// journal.
 template <class G>
 std::string start_line(const VehicleConfig<G>& config, Epoch epoch);
 

@@ -25,7 +25,8 @@ std::string read(const std::string& path) {
   std::ostringstream text;
   if (file) text << file.rdbuf();
   const char* const instead = "; name a file such as qos_profiles/loopback.xml";
-  if (!file || std::filesystem::is_directory(path)) fail(path, 0, std::string("cannot read this QoS profile file") + instead);
+  if (!file || std::filesystem::is_directory(path))
+    fail(path, 0, std::string("cannot read this QoS profile file") + instead);
   if (text.str().empty()) fail(path, 1, std::string("this QoS profile file is empty") + instead);
   return text.str();
 }

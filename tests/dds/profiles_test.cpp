@@ -138,8 +138,8 @@ TEST(ProfileLowBandwidth, LandmarksTakeWhatTheReadmeSays) {
   const std::uint64_t one = bytes_of_landmarks(a, 1), twenty = bytes_of_landmarks(a, 20);
   RecordProperty("bytes_of_one", std::to_string(one));
   RecordProperty("bytes_of_twenty", std::to_string(twenty));
-  EXPECT_LE(one, 300U);
-  EXPECT_LE(twenty, 20U * 65U);
+  EXPECT_LE(one, 224U + 40U);
+  EXPECT_LE(twenty, 224U + 20U * 40U);
 }
 
 // With a byte budget a profile must not keep them: `convoy vehicle` warns.

@@ -57,7 +57,8 @@ int status_of(const std::string& arguments) {
 TEST(FleetSimulationCommand, ArgumentsThatAreNoneAreRefused) {
   EXPECT_EQ(status_of("--help"), 0);
   EXPECT_EQ(status_of("1 1"), 0);
-  for (const char* wrong : {"", "1", "1 2 3", "one 1", "1 x", "1 0", "-1 1", "1.5 1", "18446744073709551615 2", "1e3 1"})
+  for (const char* wrong :
+       {"", "1", "1 2 3", "one 1", "1 x", "1 0", "-1 1", "1.5 1", "18446744073709551615 2", "1e3 1"})
     EXPECT_EQ(status_of(wrong), 2) << wrong;
 }
 

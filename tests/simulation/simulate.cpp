@@ -14,8 +14,10 @@ namespace {
 
 constexpr const char* usage =
     "usage: convoy_fleet_simulation FIRST COUNT\n"
-    "Simulates the fleets of the seeds FIRST, FIRST + 1, ..., COUNT of them (1 or more), on a virtual clock. What fails\n"
-    "is told with its seed, and happens again with `convoy_fleet_simulation SEED 1` of the same commit. Exit status: 0,\n"
+    "Simulates the fleets of the seeds FIRST, FIRST + 1, ..., COUNT of them (1 or more), on a virtual clock. What "
+    "fails\n"
+    "is told with its seed, and happens again with `convoy_fleet_simulation SEED 1` of the same commit. Exit status: "
+    "0,\n"
     "all was as it should be; 1, a seed failed; 2, the arguments are wrong.\n";
 
 std::optional<std::uint64_t> whole_number(const char* text) {
@@ -52,8 +54,7 @@ int main(int argc, char** argv) {
     gone += outcome.facts_gone;
     stated += outcome.facts_stated;
     worst_s = outcome.settled_s > worst_s ? outcome.settled_s : worst_s;
-    if (!outcome.failures.empty() || count == 1)
-      std::printf("%s\n", report(seed, outcome).c_str());
+    if (!outcome.failures.empty() || count == 1) std::printf("%s\n", report(seed, outcome).c_str());
     if (count > 1 && (seed - first + 1) % 100 == 0)
       std::printf("%llu of %llu seeds, %llu failed\n", static_cast<unsigned long long>(seed - first + 1),
                   static_cast<unsigned long long>(count), static_cast<unsigned long long>(failed));

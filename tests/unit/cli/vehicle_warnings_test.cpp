@@ -107,10 +107,11 @@ TEST(VehicleWarnings, ClocksAreComparedWhereTheyAreReal) {
   hear(snapshot, 4, 1.0, 0.2);
   VehicleWarnings<SE2> replayed(some_config(), false), real(some_config(), true);
   EXPECT_THAT(replayed.look(snapshot, 0.0), IsEmpty());
-  EXPECT_THAT(text_of(real.look(snapshot, 0.0)),
-              AllOf(HasSubstr("vehicle 2 sends is stamped 3.0 s before it comes in: its clock is late, or its messages"),
-                    HasSubstr("vehicle 3 sends is stamped 3.0 s after it comes in: its clock is ahead"),
-                    Not(HasSubstr("vehicle 4"))));
+  EXPECT_THAT(
+      text_of(real.look(snapshot, 0.0)),
+      AllOf(HasSubstr("vehicle 2 sends is stamped 3.0 s before it comes in: its clock is late, or its messages"),
+            HasSubstr("vehicle 3 sends is stamped 3.0 s after it comes in: its clock is ahead"),
+            Not(HasSubstr("vehicle 4"))));
 }
 
 TEST(VehicleWarnings, TheStartLineSaysHowTheVehicleSpeaks) {
