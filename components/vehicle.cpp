@@ -218,8 +218,9 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.facts_missing = manager_->facts_missing();
   s.facts_lost = manager_->facts_lost();
   s.refused = manager_->refused();
-  s.settled = s.facts_missing == 0 && !manager_->busy() && searches_left_ == 0 && manager_->map().exact &&
-              manager_->map().facts == s.facts_digest;
+  s.network = exchange_->worker_counters();
+  s.settled = s.facts_missing == 0 && !manager_->busy() && s.network.outbox.facts_waiting == 0 && searches_left_ == 0 &&
+              manager_->map().exact && manager_->map().facts == s.facts_digest;
   for (const auto& [id, chain] : store.chains()) s.landmarks_known += chain.landmarks.size();
   s.landmarks_exported = front_end_component_->landmarks_exported();
   s.submaps = manager_->counters();
@@ -228,7 +229,7 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.repair = manager_->repair_counters();
   s.association = association_->counters();
   s.exchange = exchange_->counters();
-  s.network = exchange_->worker_counters();
+  s.live_peers = exchange_->live_peers();
   s.peers = manager_->peer_counters();
   s.failures = failures_.count > 0 ? failures_ : s.network.failures;
   s.failures.count = failures_.count + s.network.failures.count;

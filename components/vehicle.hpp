@@ -60,7 +60,8 @@ struct VehicleSnapshot {
   /// live_period_s of its own, or its last anchor).
   std::vector<VehicleState<G>> vehicles;
   Hash facts_digest = 0, map_digest = 0, selection_digest = 0;  ///< all three of the last exact map
-  bool settled = false;  ///< nothing missing, nothing to search, and the map is exact and holds every fact
+  /// Nothing missing, nothing to search, nothing waiting to be sent, and the map is exact and holds every fact.
+  bool settled = false;
   std::uint64_t facts_missing = 0;
   std::uint64_t facts_lost = 0;  ///< declared missing: nobody who is left has them
   bool refused = false;          ///< another process claims this vehicle's id and began earlier: nothing is sent
@@ -73,8 +74,9 @@ struct VehicleSnapshot {
   ExchangeCounters exchange;
   ExchangeWorkerCounters network;
   PeerGuardCounters peers;
-  JournalCounters journal;  ///< zero without one
-  Failures failures;        ///< exceptions in the vehicle's threads, those of its network included: it went on
+  std::optional<std::size_t> live_peers;  ///< SubmapExchange::live_peers()
+  JournalCounters journal;                ///< zero without one
+  Failures failures;  ///< exceptions in the vehicle's threads, those of its network included: it went on
   std::array<std::uint64_t, insertion_count> insertions{};
 };
 

@@ -10,8 +10,14 @@
 //          security -->
 //         <!-- peers="192.0.2.2 192.0.2.3:7410" or discovery_servers="192.0.2.9:11811": qos_profiles/README.md -->
 //     <front_end sigma_range_m="0.1" .../>  <drift .../>  <association .../>  <map .../>  <repair .../>
+//     <budget bytes_per_s="2000"/>         <!-- and burst_s, batch_limit, max_waiting: BudgetParams -->
+//     <watchdog deaf_s="20" .../>          <!-- when the network is opened anew: WatchdogParams -->
+//     <peers messages_per_s="3000" .../>   <!-- what one vehicle may send and fill: PeerLimits, FactLimits; rival_s -->
+//     <impairment loss="0.3" .../> <impairment_sent .../>  <!-- of the network, for trials: Impairment -->
 //     <sensors file="sensors.csv" rate="1"/>
 //   </convoy>
+//
+// <vehicle journal="true"/>: the state folder keeps all facts, too. Defaults and meanings: qos_profiles/README.md.
 //
 // Paths are relative to the folder of the file. `first_epoch` replaces the clock as the source of epochs: a run can
 // then be repeated to the bit, and must be alone on its domain.

@@ -38,7 +38,8 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-constexpr double silence_s = 5.0;  // a vehicle speaks every quarter of a second
+constexpr const char* here = "127.0.0.1";  // all that a demo speaks on
+constexpr double silence_s = 5.0;          // a vehicle speaks every quarter of a second
 
 double unix_now_s() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
@@ -88,6 +89,7 @@ class Demo {
   explicit Demo(const DemoOptions& options) : options_(options) {
     if (!(options.rate > 0.0)) throw ConfigError("demo: --rate must be > 0");
     impairment_ = Impairments::parse(options.impair);
+    profile_ = options.profile.empty() ? qos_profile("loopback_udp.xml") : given_profile(options.profile);
     if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json")) refuse_folder();
   }
 
@@ -98,7 +100,7 @@ class Demo {
     choose_domain();  // before anything is written
     claim_folder();
     scenario_.write(options_.out);
-    write_text_file(options_.out / "profile.xml", read_text_file(profile_file()));
+    write_text_file(options_.out / "profile.xml", read_text_file(profile_));
     std::printf("      %s, %zu vehicles, %.0f s at %gx\n", scenario_.name.c_str(), scenario_.vehicles.size(),
                 scenario_.duration_s, options_.rate);
     write_configs();
@@ -133,19 +135,26 @@ class Demo {
     close(file);
   }
 
-  fs::path profile_file() const {
-    return options_.profile.empty() ? qos_profile("loopback_udp.xml") : fs::path(options_.profile);
-  }
-
   // Vehicles of another fleet that are heard on the domain, before ours speak. Both fleets would number their vehicles
   // alike and become one.
   std::size_t strangers(std::uint32_t domain) const {
     constexpr double discovery_s = 1.0;  // announcements of the profile: five, 0.2 s apart
     dds::DdsConfig listen;
     listen.domain = domain;
-    listen.profile_file = profile_file().string();
-    const dds::DdsExchange<G> ear(listen);
-    return ear.wait_for_peers(1, discovery_s) ? ear.peers() : 0;
+    listen.profile_file = profile_.string();
+    listen.interface_whitelist = {here};
+    const auto ear = open_ear(listen);
+    return ear->wait_for_peers(1, discovery_s) ? ear->peers() : 0;
+  }
+
+  static std::unique_ptr<dds::DdsExchange<G>> open_ear(const dds::DdsConfig& listen) {
+    try {
+      return std::make_unique<dds::DdsExchange<G>>(listen);
+    } catch (const ConfigError& error) {
+      throw ConfigError("demo: --profile does not serve here: " + std::string(error.what()) +
+                        ". A demo's vehicles find each other without addresses: by loopback, loopback_udp, lan, "
+                        "lossy_radio or low_bandwidth");
+    }
   }
 
   void choose_domain() {
@@ -169,6 +178,7 @@ class Demo {
       c.vehicle.step_period_s = std::clamp(0.1 / options_.rate, 0.005, 0.05);
       c.dds.domain = domain_;
       c.dds.profile_file = "../profile.xml";
+      c.dds.interface_whitelist = {here};
       c.impairment = impairment_;
       c.impairment.received.seed += log.id;
       c.impairment.sent.seed += log.id;
@@ -358,6 +368,7 @@ class Demo {
 
   DemoOptions options_;
   Impairments impairment_;
+  fs::path profile_;
   Scenario<G> scenario_;
   std::uint32_t domain_ = 0;
   double start_unix_s_ = 0.0;

@@ -27,7 +27,7 @@ struct DemoOptions {
   /// Of every vehicle. The same each time, so that two runs can be compared to the bit: a demo keeps off other fleets'
   /// domains, so it needs no epoch of its own. 0: by the clock, as `convoy vehicle` does.
   Epoch first_epoch = 1;
-  std::filesystem::path profile;  ///< XML profile; default: the loopback profile that comes with convoy
+  std::string profile;  ///< XML profile: a file, or the name of one that comes with convoy; default: loopback_udp.xml
 };
 
 /// Runs it all and prints progress. Returns 0 if the vehicles that lived hold the same map in the end. Throws

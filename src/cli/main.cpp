@@ -68,9 +68,11 @@ int main(int argc, char** argv) {
       ->check(whole_number);
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
       ->check(CLI::Range(0.01, 1000.0));
-  demo_command->add_option("--impair", demo.impair,
-                           "loss=0.3,duplicate=0.2,delay=100ms,jitter=50ms,reorder=0.1,rate=100kB/s,"
-                           "partition=3+4@10s..70s,seed=7 on what is received; with out. before it, on what is sent");
+  demo_command->add_option(
+      "--impair", demo.impair,
+      "loss=0.3,duplicate=0.2,delay=100ms,jitter=50ms,reorder=0.1,rate=100kB/s,"
+      "partition=3+4@10s..70s,seed=7 on what is received, in real seconds; with out. before it, on what "
+      "is sent");
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
   demo_command->add_flag("--encounters", demo.encounters,
                          "use what the vehicles see of each other (mrclam), beside landmarks");
@@ -85,8 +87,10 @@ int main(int argc, char** argv) {
       ->add_option("--first-epoch", demo.first_epoch,
                    "epoch of all vehicles; 1, so that runs can be compared to the bit; 0: by the clock")
       ->check(whole_number);
-  demo_command->add_option("--profile", demo.profile, "XML profile file (default: loopback_udp.xml)")
-      ->check(CLI::ExistingFile);
+  demo_command->add_option(
+      "--profile", demo.profile,
+      "loopback, loopback_udp, lan, lossy_radio, low_bandwidth, or an XML profile file of one's own "
+      "(default: loopback_udp)");
   demo_command->callback([&] {
     if (!dataset.empty()) {
       demo.dataset = dataset[0];
@@ -102,8 +106,9 @@ int main(int argc, char** argv) {
   vehicle_command->add_flag("--until-end", vehicle.until_end,
                             "end when the sensor log has ended and all facts are settled");
   vehicle_command
-      ->add_option("--status-period", vehicle.status_period_s, "seconds between status lines (default: 0.25)")
-      ->check(CLI::PositiveNumber);
+      ->add_option("--status-period", vehicle.status_period_s,
+                   "seconds between status lines, 0.01 to 86400 (default: 0.25)")
+      ->check(CLI::Range(0.01, 86400.0));
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
   vehicle_command->add_option("--out", vehicle.out,
                               "folder for what it writes (default: the configuration's); the state folder, which holds "

@@ -271,6 +271,10 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["dropped"] = s.exchange.dropped;
   c["incompatible_peers"] = s.exchange.incompatible_peers;
   c["unauthorised"] = s.exchange.unauthorised;
+  const JournalCounters& j = s.journal;
+  c["journal"] = {{"restored", j.restored},   {"refused", j.refused}, {"damaged_bytes", j.damaged_bytes},
+                  {"cut_bytes", j.cut_bytes}, {"written", j.written}, {"failed_writes", j.failed_writes},
+                  {"waiting", j.waiting}};
   return c;
 }
 

@@ -11,12 +11,12 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <set>
 #include <thread>
 
 #include "scenario/scenario.hpp"
 #include "vehicle_output.hpp"
 #include "vehicle_status.hpp"
+#include "vehicle_warnings.hpp"
 
 namespace convoy::cli {
 namespace {
@@ -87,62 +87,13 @@ void print_status(double t_s, bool exhausted, const VehicleSnapshot<G>& snapshot
   std::fflush(stdout);
 }
 
-/// What a host should know of its network, said once each.
-class Warnings {
- public:
-  template <class G>
-  void look(const VehicleSnapshot<G>& s) {
-    for (const VehicleState<G>& v : s.vehicles)
-      if (v.clock_offset_s && std::abs(*v.clock_offset_s) > noticeable_s && clocks_.insert(v.chain.vehicle).second)
-        spdlog::warn(
-            "the clock of vehicle {} differs from this one's by {:.1f} s: maps do not mind, but encounters with it "
-            "need "
-            "stamps of one clock (run NTP or PTP)",
-            v.chain.vehicle, *v.clock_offset_s);
-    if (s.network.reopened > reopened_)
-      spdlog::warn("the network was {}; it was opened anew, and what was missed is asked for",
-                   to_string(s.network.last_ailment));
-    reopened_ = s.network.reopened;
-    if (s.network.reopen_failed > 0 && !reopening_failed_)
-      spdlog::error("the network cannot be opened anew: {}; it is tried again", s.network.last_error);
-    reopening_failed_ = s.network.reopen_failed > 0;
-    if (s.exchange.incompatible_peers > 0 && !incompatible_)
-      spdlog::warn(
-          "somebody's quality of service does not match: not all it says is heard; use one profile for a fleet");
-    incompatible_ = s.exchange.incompatible_peers > 0;
-    if (s.exchange.unauthorised > 0 && !unauthorised_)
-      spdlog::warn("somebody without the credentials of this fleet speaks on its network, and is refused");
-    unauthorised_ = s.exchange.unauthorised > 0;
-    if (s.failures.count > failures_)
-      spdlog::error("something has failed in a thread of this vehicle ({} times by now), which went on: {}",
-                    s.failures.count, s.failures.last_error);
-    failures_ = s.failures.count;
-    if (s.network.outbox.in_debt >= many && !in_debt_)
-      spdlog::warn(
-          "what the network spends by itself (discovery, heartbeats) takes the whole byte budget: messages get a tenth "
-          "of it; give <budget bytes_per_s> more");
-    in_debt_ = s.network.outbox.in_debt >= many;
-    if (s.network.outbox.unfit > 0 && !unfit_)
-      spdlog::error(
-          "a message of this vehicle cannot be carried by the wire format and was dropped (sends_unfit counts them): "
-          "peers will lack what was in it");
-    unfit_ = s.network.outbox.unfit > 0;
-    if (s.peers.quarantines > quarantines_)
-      spdlog::warn("a vehicle floods the network: nothing is taken from it for now");
-    quarantines_ = s.peers.quarantines;
-    if (s.journal.waiting > 0 && !journal_waits_)
-      spdlog::error("the journal cannot be written (is the disk full?); facts wait in memory until it can");
-    journal_waits_ = s.journal.waiting > 0;
-  }
-
- private:
-  static constexpr double noticeable_s = 1.0;
-  static constexpr std::uint64_t many = 20;
-  std::set<VehicleId> clocks_;
-  std::uint64_t reopened_ = 0, quarantines_ = 0, failures_ = 0;
-  bool reopening_failed_ = false, journal_waits_ = false, incompatible_ = false, unauthorised_ = false, unfit_ = false,
-       in_debt_ = false;
-};
+void log(const Notice& notice) {
+  using Level = Notice::Level;
+  spdlog::log(notice.level == Level::error     ? spdlog::level::err
+              : notice.level == Level::warning ? spdlog::level::warn
+                                               : spdlog::level::info,
+              "{}", notice.text);
+}
 
 }  // namespace
 
@@ -169,19 +120,27 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
                       "give --now to drive it from its beginning, and --out FOLDER to keep what an earlier run left");
   VehicleOutput<G> output(config.output_folder);
   RangeBearingEkf<G> slam(config.front_end);
-  Vehicle<G> vehicle(
-      config.vehicle, slam, [&] { return open_exchange(config); }, clock);
+  std::atomic<bool> keeps_history = false;
+  const auto open = [&] {
+    auto network = open_exchange(config);
+    if (const auto* dds = dynamic_cast<dds::DdsExchange<G>*>(network.get())) keeps_history = dds->keeps_history();
+    return network;
+  };
+  Vehicle<G> vehicle(config.vehicle, slam, open, clock);
   Epoch epoch = 0;
   vehicle.on_export([&](std::uint32_t index, std::uint64_t track) { output.write_label(epoch, index, track); });
   vehicle.configure();
   epoch = vehicle.snapshot().self.epoch;
-  spdlog::info("vehicle {} epoch {} on domain {}, {} sensor readings from {}", config.vehicle.id, epoch,
-               config.dds.domain, events.size(), config.sensors.file.string());
+  spdlog::info("{}; {} sensor readings from {}", start_line(config, epoch), events.size(),
+               config.sensors.file.string());
+  if (const auto notice = journal_notice(config, vehicle.snapshot().journal)) log(*notice);
+  for (const Notice& notice : budget_notices(config, keeps_history)) log(notice);
   vehicle.activate();
   bool warned = false, refused = false;
-  Warnings warnings;
-  const auto warn_once = [&](const VehicleSnapshot<G>& snapshot) {
-    warnings.look(snapshot);
+  // A log that begins now, or is driven faster than it was recorded, has a time of its own.
+  VehicleWarnings<G> warnings(config, !starts_now && config.sensors.rate == 1.0);
+  const auto warn_once = [&](const VehicleSnapshot<G>& snapshot, double wall_s) {
+    for (const Notice& notice : warnings.look(snapshot, wall_s)) log(notice);
     refused = snapshot.refused;
     for (const auto& state : snapshot.vehicles)
       if (!warned && state.chain == snapshot.self && (state.reasons & reason_impersonated) != 0) {
@@ -205,7 +164,7 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
     if (const double wall_s = unix_now_s(); wall_s >= next_status_s) {
       const auto snapshot = vehicle.snapshot();
       print_status(now_s, replay.exhausted(), snapshot);
-      warn_once(snapshot);
+      warn_once(snapshot, wall_s);
       next_status_s = wall_s + options.status_period_s;
     }
     std::this_thread::sleep_for(std::chrono::milliseconds(5));

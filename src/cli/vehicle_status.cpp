@@ -23,6 +23,7 @@ json vehicle_status(double t_s, const VehicleSnapshot<G>& s) {
       status["integrity"] = to_string(v.integrity);
       status["reasons"] = names_of_reasons(v.reasons);
     }
+  status["peers"] = s.live_peers ? json(*s.live_peers) : json();
   status["landmarks_exported"] = s.landmarks_exported;
   status["landmarks_known"] = s.landmarks_known;
   status["facts_missing"] = s.facts_missing;

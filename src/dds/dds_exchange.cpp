@@ -175,6 +175,7 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
   Channel& operator=(const Channel&) = delete;
 
   bool write(Sample& sample) { return writer_->write(&sample); }
+  bool keeps_history() const { return writer_->get_qos().durability().kind != edds::VOLATILE_DURABILITY_QOS; }
 
   void on_data_available(edds::DataReader* reader) override {
     edds::SampleInfo info;
@@ -361,6 +362,19 @@ std::shared_ptr<transport::TransportDescriptorInterface> layered(
   throw ConfigError(where + "a transport is none of UDPv4, TCPv4 and SHM; its bytes cannot be counted");
 }
 
+/// Secured vehicles would start by these, say nothing, and never meet (Fast DDS 2.9.1).
+void refuse_to_secure(const edds::DomainParticipantQos& qos, const std::string& where) {
+  std::string what;
+  if (qos.wire_protocol().builtin.discovery_config.discoveryProtocol != rtps::DiscoveryProtocol_t::SIMPLE)
+    what = "through a Discovery Server";
+  for (const auto& descriptor : qos.transport().user_transports)
+    if (std::dynamic_pointer_cast<transport::TCPv4TransportDescriptor>(descriptor)) what = "over TCP";
+  if (!what.empty())
+    throw ConfigError(where + "vehicles with DDS Security do not meet " + what +
+                      "; take a profile over UDP whose vehicles find each other (lan.xml, lossy_radio.xml, "
+                      "unicast_peers.xml), or take out <dds security=\"...\">");
+}
+
 /// Puts a counter between the participant and each transport of its profile, and with DDS Security on, a gate.
 void add_layers(edds::DomainParticipantQos& qos, const DdsConfig& config, const ProfileFile& profiles,
                 const std::shared_ptr<WireCounters>& counters, const Admission* admission) {
@@ -372,6 +386,7 @@ void add_layers(edds::DomainParticipantQos& qos, const DdsConfig& config, const 
                       "on every interface and cannot be counted");
   if (qos.transport().user_transports.empty())
     throw ConfigError(where + "no transport; name a transport descriptor in <userTransports>");
+  if (admission != nullptr) refuse_to_secure(qos, where);
   apply_addresses(qos, config, where);
   for (auto& descriptor : qos.transport().user_transports)
     descriptor = layered(descriptor, config, where, counters, admission);
@@ -536,6 +551,11 @@ template <class G>
 DdsExchange<G>::~DdsExchange() {
   const std::lock_guard lock(opening());
   impl_.reset();
+}
+
+template <class G>
+bool DdsExchange<G>::keeps_history() const {
+  return impl_->landmark.keeps_history();
 }
 
 template <class G>

@@ -5,6 +5,7 @@
 #include <tinyxml2.h>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 
+#include <filesystem>
 #include <fstream>
 #include <sstream>
 
@@ -23,8 +24,10 @@ std::string read(const std::string& path) {
   std::ifstream file(path, std::ios::binary);
   std::ostringstream text;
   if (file) text << file.rdbuf();
-  if (!file || text.str().empty())
-    fail(path, 0, "cannot read this QoS profile file; name a file such as qos_profiles/loopback.xml");
+  const char* const instead = "; name a file such as qos_profiles/loopback.xml";
+  if (!file || std::filesystem::is_directory(path))
+    fail(path, 0, std::string("cannot read this QoS profile file") + instead);
+  if (text.str().empty()) fail(path, 1, std::string("this QoS profile file is empty") + instead);
   return text.str();
 }
 

@@ -39,6 +39,15 @@ double number(const std::string& text, std::span<const Unit> units = {}) {
   throw ConfigError("impairment: '" + text + "' is no number");
 }
 
+// "delay=100" is likelier meant in milliseconds than in seconds.
+double duration(const std::string& text) {
+  const double value = number(text, seconds);
+  const bool has_unit = text.ends_with('s');
+  if (value >= 1.0 && !has_unit)
+    throw ConfigError("impairment: '" + text + "' has no unit; write " + text + "s or " + text + "ms");
+  return value;
+}
+
 std::uint64_t seed_of(const std::string& text) {
   const double value = number(text);
   if (value >= 0.0 && value == std::floor(value) && value < 0x1p53) return static_cast<std::uint64_t>(value);
@@ -48,11 +57,11 @@ std::uint64_t seed_of(const std::string& text) {
 void read_entry(const std::string& name, const std::string& text, Impairment& into) {
   if (name == "loss") into.loss = number(text);
   else if (name == "duplicate") into.duplicate = number(text);
-  else if (name == "delay") into.delay_s = number(text, seconds);
-  else if (name == "jitter") into.jitter_s = number(text, seconds);
+  else if (name == "delay") into.delay_s = duration(text);
+  else if (name == "jitter") into.jitter_s = duration(text);
   else if (name == "reorder") into.reorder = number(text);
   else if (name == "rate") into.rate_bytes_per_s = number(text, bytes_per_s);
-  else if (name == "queue") into.queue_s = number(text, seconds);
+  else if (name == "queue") into.queue_s = duration(text);
   else if (name == "partition") into.partitions.push_back(Partition::parse(text));
   else if (name == "seed") into.seed = seed_of(text);
   else throw ConfigError("impairment: no such entry");
@@ -108,6 +117,7 @@ void validate(const Impairment& i) {
 Impairments Impairments::parse(std::string_view text) {
   Impairments result;
   std::optional<std::uint64_t> seed_sent;
+  std::set<std::string> seen;
   const std::string all(text);
   for (std::size_t at = 0; !all.empty() && at <= all.size();) {
     const std::size_t end = std::min(all.find(',', at), all.size());
@@ -118,6 +128,8 @@ Impairments Impairments::parse(std::string_view text) {
     try {
       if (equals == std::string::npos) throw ConfigError("impairment: no '='");
       const std::string name = entry.substr(out ? 4 : 0, equals - (out ? 4 : 0));
+      if (name != "partition" && !seen.insert(entry.substr(0, equals)).second)
+        throw ConfigError("impairment: it is given twice");
       read_entry(name, entry.substr(equals + 1), out ? result.sent : result.received);
       if (out && name == "seed") seed_sent = result.sent.seed;
     } catch (const ConfigError& error) {

@@ -43,7 +43,8 @@ struct Impairment {
   bool takes_time() const { return delay_s > 0 || jitter_s > 0 || reorder > 0 || rate_bytes_per_s > 0; }
 
   /// From "loss=0.3,duplicate=0.2,delay=100ms,jitter=50ms,reorder=0.1,rate=100kB/s,queue=1s,partition=3+4@10s..70s,
-  /// seed=7". Plain numbers are seconds and bytes per second. Throws ConfigError that names the entry.
+  /// seed=7". Plain numbers are seconds, if below 1, and bytes per second. Each entry once, but for partitions. Throws
+  /// ConfigError that names the entry.
   static Impairment parse(std::string_view text);
 };
 

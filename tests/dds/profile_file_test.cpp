@@ -65,6 +65,16 @@ TEST(ProfileFile, MissingFileIsNamed) {
   EXPECT_THAT(refusal(config), HasSubstr("/nowhere/qos.xml: cannot read"));
 }
 
+TEST(ProfileFile, AnEmptyFileAndAFolderAreToldApart) {
+  DdsConfig config = config_of_this_test();
+  config.profile_file = ::testing::TempDir() + "convoy_profile_empty.xml";
+  std::ofstream(config.profile_file).flush();
+  EXPECT_THAT(refusal(config), HasSubstr("convoy_profile_empty.xml:1: this QoS profile file is empty"));
+  std::filesystem::remove(config.profile_file);
+  config.profile_file = ::testing::TempDir();
+  EXPECT_THAT(refusal(config), HasSubstr("cannot read this QoS profile file"));
+}
+
 TEST(ProfileFile, MissingParticipantProfileIsNamed) {
   DdsConfig config = config_of_this_test();
   config.participant_profile = "bus";

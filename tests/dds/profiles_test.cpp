@@ -2,6 +2,7 @@
 #include "dds_testing.hpp"
 
 #include <convoy/dds/profile_file.hpp>
+#include <convoy/submap/rounding.hpp>
 
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <gmock/gmock.h>
@@ -102,6 +103,52 @@ TEST(ProfileLossyRadio, RepeatsWhatIsLostAndKeepsUnderTheMtu) {
   b.tell("expect 501");
   EXPECT_EQ(b.hear(60.0), "held 501");
   for (Child* vehicle : {&a, &b}) EXPECT_EQ(vehicle->finish(), 0);
+}
+
+/// Bytes that a message of so many landmarks with full loadings takes to one peer: the least of some tries, since
+/// discovery may come between.
+std::uint64_t bytes_of_landmarks(DdsExchange<SE2>& from, std::uint32_t count) {
+  LandmarkBatch<SE2> batch;
+  for (std::uint32_t k = 0; k < count; ++k) {
+    LandmarkFact<SE2> landmark;
+    landmark.key = {{1, 1}, k};
+    landmark.anchor = 1;
+    landmark.position = {1.0 + k, 2.0};
+    landmark.covariance << 0.04, 0.01, 0.01, 0.09;
+    landmark.loading << 0.08, 0.01, 0.03, 0.02, 0.05, 0.01;
+    batch.landmarks.push_back(rounded(landmark));
+  }
+  std::uint64_t least = UINT64_MAX;
+  for (int k = 0; k < 5; ++k) {
+    const std::uint64_t before = from.counters().bytes_sent;
+    EXPECT_EQ(from.send({{1, 1}, batch}), SendStatus::sent);
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    least = std::min(least, from.counters().bytes_sent - before);
+  }
+  return least;
+}
+
+// A budget and its batch_limit are chosen by these.
+TEST(ProfileLowBandwidth, LandmarksTakeWhatTheReadmeSays) {
+  DdsConfig config = config_of_this_test();
+  config.profile_file = profile_named("low_bandwidth");
+  config.interface_whitelist = {here};
+  DdsExchange<SE2> a(config), b(config);
+  ASSERT_TRUE(all_connected({&a, &b}));
+  const std::uint64_t one = bytes_of_landmarks(a, 1), twenty = bytes_of_landmarks(a, 20);
+  RecordProperty("bytes_of_one", std::to_string(one));
+  RecordProperty("bytes_of_twenty", std::to_string(twenty));
+  EXPECT_LE(one, 224U + 40U);
+  EXPECT_LE(twenty, 224U + 20U * 40U);
+}
+
+// With a byte budget a profile must not keep them: `convoy vehicle` warns.
+TEST(Profiles, ThoseThatKeepHistorySaySo) {
+  DdsConfig config = config_of_this_test();
+  EXPECT_TRUE(DdsExchange<SE2>(config).keeps_history());
+  config.profile_file = profile_named("low_bandwidth");
+  config.interface_whitelist = {here};
+  EXPECT_FALSE(DdsExchange<SE2>(config).keeps_history());
 }
 
 TEST(ProfileLowBandwidth, SendsEverythingOnceAndNothingElse) {

@@ -122,6 +122,21 @@ TEST(Security, AFleetOfThreeExchangesEverythingAndARelayersFacts) {
   }
 }
 
+TEST(Security, ProfilesByWhichSecuredVehiclesDoNotMeetAreRefused) {
+  const Certificates fleet("1");
+  DdsConfig config = secured(fleet, 1);
+  config.interface_whitelist = {"127.0.0.1"};
+  config.profile_file = profile_named("wan_tcp");
+  config.initial_peers = {"127.0.0.1:17400"};
+  EXPECT_THAT(refusal(config),
+              ::testing::ContainsRegex("wan_tcp\\.xml:[0-9]+: participant profile 'convoy': vehicles "
+                                       "with DDS Security do not meet over TCP; take a profile over UDP"));
+  config.initial_peers.clear();
+  config.profile_file = profile_named("large_fleet");
+  config.discovery_servers = {"127.0.0.1:11811"};
+  EXPECT_THAT(refusal(config), HasSubstr("do not meet through a Discovery Server; take a profile over UDP"));
+}
+
 TEST(Security, HandshakesAndFactsPassInDatagramsOfALan) {
   const Certificates fleet("1,2");
   const std::string lan = CONVOY_QOS_PROFILES "/lan.xml";

@@ -384,4 +384,12 @@ std::string to_string(const Outcome& o) {
   return text.str();
 }
 
+std::string report(std::uint64_t seed, const Outcome& outcome) {
+  std::ostringstream text;
+  text << "seed " << seed << ": " << to_string(outcome) << std::hex << "\n  digest " << outcome.trace << " (facts "
+       << outcome.facts << ", map " << outcome.map << ")" << std::dec;
+  if (!outcome.failures.empty()) text << "\n  again, of the same commit: convoy_fleet_simulation " << seed << " 1";
+  return text.str();
+}
+
 }  // namespace convoy::simulation

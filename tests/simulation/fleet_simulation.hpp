@@ -31,4 +31,7 @@ Outcome simulate(std::uint64_t seed);
 
 std::string to_string(const Outcome& outcome);
 
+/// What became of the seed with its digest, and if something failed, the command that replays it.
+std::string report(std::uint64_t seed, const Outcome& outcome);
+
 }  // namespace convoy::simulation

@@ -231,6 +231,11 @@ TEST(BadInput, OptionsOutOfRangeAreNamed) {
     EXPECT_FALSE(fs::exists(scratch / "run"));
   };
   refused("demo --settle-timeout -5", "--settle-timeout: Value -5 not in range");
+  refused("vehicle c.xml --status-period 0", "--status-period: Value 0 not in range");
+  refused("demo --profile wan_tcp", "A demo's vehicles find each other without addresses");
+  refused("demo --profile large_fleet.xml", "A demo's vehicles find each other without addresses");
+  refused("demo --profile no_such", "the QoS profile no_such.xml is neither installed");
+  refused("demo --profile no/such.xml", "no/such.xml: no such QoS profile file");
   refused("demo --seed -1", "--seed: '-1' is no whole number from 0 on");
   refused("demo --first-epoch -1", "--first-epoch: '-1' is no whole number from 0 on");
   refused("consistency --seed 1.5", "--seed: '1.5' is no whole number from 0 on");

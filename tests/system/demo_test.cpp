@@ -66,6 +66,19 @@ TEST(Demo, TwoVehiclesOnTheStreetShareOneConsistentMap) {
     EXPECT_TRUE(fs::exists(scratch / file)) << file;
 }
 
+// By name, though their files name no interfaces: a demo speaks on 127.0.0.1.
+class DemoByProfile : public ::testing::TestWithParam<const char*> {};
+
+TEST_P(DemoByProfile, SharesOneConsistentMap) {
+  const ScratchFolder scratch;
+  const Outcome outcome = run_convoy("demo --rate 20 --impair loss=0.1,delay=2ms --profile " +
+                                     std::string(GetParam()) + " --out " + (scratch / "run").string());
+  ASSERT_EQ(outcome.status, 0) << outcome.output;
+  expect_whole(read_json(scratch / "run/metrics.json"));
+}
+
+INSTANTIATE_TEST_SUITE_P(Names, DemoByProfile, ::testing::Values("lan", "lossy_radio.xml", "low_bandwidth"));
+
 TEST(Demo, TwoVehiclesOnAStreetInSpaceShareOneConsistentMap) {
   const ScratchFolder scratch;
   const Outcome outcome = run_convoy("demo --space --rate 20 --seed 1 --out " + (scratch / "run").string());

@@ -79,6 +79,48 @@ TEST(Fleets, OneVehicleAloneIsNotSuspect) {
   }
 }
 
+TEST(Fleets, AVehicleThatHearsNobodySaysSoAndHowItSpeaks) {
+  const ScratchFolder scratch;
+  const fs::path config = vehicle_one(scratch / "one"), output = scratch / "output";
+  std::string text = read_text(config);
+  const std::string folder = "state_folder=\"state\"/>";
+  text.replace(text.find(folder), folder.size(),
+               "state_folder=\"state\" journal=\"true\"/>\n  <budget bytes_per_s=\"2000\"/>");
+  std::ofstream(config) << text;
+  {
+    Background alone({"vehicle", config.string()}, output);
+    EXPECT_TRUE(
+        eventually([&] { return read_text(output).find("no other vehicle is there for 10 s") != std::string::npos; }));
+    alone.send(SIGTERM);
+    EXPECT_EQ(alone.wait(), 0);
+  }
+  const std::string said = read_text(output);
+  const auto says = [&](const std::string& words) {
+    EXPECT_NE(said.find(words), std::string::npos) << words << "\n" << said;
+  };
+  says(" on domain " + domain() +
+       ", profile loopback_udp.xml, interfaces of the profile, without DDS Security, budget 2000 B/s");
+  says("journal: 0 facts restored");
+  says("a budget wants a profile without, such as low_bandwidth.xml");
+  says("check that others run, with the same domain, profile");
+  says("\"peers\":0");
+  EXPECT_EQ(read_json(scratch / "one/summary.json")["peers"], 0);
+
+  // Again, from a journal that was damaged.
+  std::fstream journal(scratch / "one/state/facts.journal", std::ios::in | std::ios::out | std::ios::binary);
+  journal.seekp(100);
+  journal.put('!');
+  journal.close();
+  Background again({"vehicle", config.string()}, scratch / "again");
+  EXPECT_TRUE(eventually([&] { return read_text(scratch / "again").find("\"peers\"") != std::string::npos; }));
+  again.send(SIGTERM);
+  EXPECT_EQ(again.wait(), 0);
+  EXPECT_NE(read_text(scratch / "again").find("bytes were damaged and are passed over; peers are asked"),
+            std::string::npos)
+      << read_text(scratch / "again");
+  EXPECT_GT(read_json(scratch / "one/summary.json")["counters"]["journal"]["damaged_bytes"], 0);
+}
+
 TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
   const ScratchFolder scratch;
   const fs::path config = vehicle_one(scratch / "one");

@@ -538,6 +538,23 @@ TEST_F(SamePlaceTwice, ASearchKeepsNobodyWaiting) {
   EXPECT_TRUE(eventually([](const auto& s) { return s.settled && s.association.accepted > 0; }));
 }
 
+TEST_F(VehicleTest, IsNotSettledWhileABudgetKeepsFactsWaiting) {
+  params_.budget.bytes_per_s = 500.0;
+  params_.budget.burst_s = 0.1;
+  vehicle().configure();
+  for (int k = 0; k < 5; ++k) close_segment();
+  vehicle().activate();
+  const auto has_a_map = [](const VehicleSnapshot<SE2>& s) { return s.facts_digest != 0 && s.map_digest != 0; };
+  bool waited = false;
+  EXPECT_TRUE(eventually([&](const VehicleSnapshot<SE2>& s) {
+    const bool waits = s.network.outbox.facts_waiting > 0;
+    EXPECT_FALSE(waits && s.settled);
+    waited = waited || (waits && has_a_map(s));
+    return s.settled;
+  }));
+  EXPECT_TRUE(waited);
+}
+
 TEST_F(VehicleTest, IsGoneCleanlyWhileActive) {
   vehicle().configure();
   vehicle().activate();

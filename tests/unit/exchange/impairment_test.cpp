@@ -91,12 +91,12 @@ TEST_P(UnusableImpairment, IsRefusedWithItsNameAndTheMend) {
 INSTANTIATE_TEST_SUITE_P(Entries, UnusableImpairment,
                          testing::Values("loss=1", "loss=-0.1", "loss=1.5", "loss=nan", "loss=", "loss", "loss=0.3x",
                                          "duplicate=1.1", "delay=-1", "delay=inf", "delay=3601", "jitter=nan",
-                                         "jitter=fast", "seed=-1", "Loss=0.3", " loss=0.3", "speed=3", "=1",
-                                         "loss=0.1=0.2", "delay=5m", "delay=ms", "rate=5", "rate=1GB", "reorder=1.1",
-                                         "queue=0", "seed=3s", "partition=3", "partition=3@5", "partition=@1..2",
-                                         "partition=3+@1..2", "partition=0@1..2", "partition=3@2..1",
-                                         "partition=3@-1..1", "partition=3@1..inf", "partition=a@1..2", "in.loss=0.1",
-                                         "out.loss=1", "out."));
+                                         "jitter=fast", "jitter=50", "queue=1", "delay=0.2", "seed=-1", "Loss=0.3",
+                                         " loss=0.3", "speed=3", "=1", "loss=0.1=0.2", "delay=5m", "delay=ms", "rate=5",
+                                         "rate=1GB", "reorder=1.1", "queue=0", "seed=3s", "partition=3",
+                                         "partition=3@5", "partition=@1..2", "partition=3+@1..2", "partition=0@1..2",
+                                         "partition=3@2..1", "partition=3@-1..1", "partition=3@1..inf",
+                                         "partition=a@1..2", "in.loss=0.1", "out.loss=1", "out."));
 
 TEST(Impairment, TheFaultIsNamed) {
   const auto fault_of = [](const char* text) -> std::string {
@@ -107,6 +107,10 @@ TEST(Impairment, TheFaultIsNamed) {
     }
     return "accepted";
   };
+  EXPECT_THAT(fault_of("delay=100"), HasSubstr("'100' has no unit; write 100s or 100ms"));
+  EXPECT_THAT(fault_of("loss=0.1,loss=0.2"), HasSubstr("cannot use 'loss=0.2' (it is given twice)"));
+  EXPECT_EQ(fault_of("loss=0.1,partition=1@0..1,partition=2@0..1"), "accepted");
+  EXPECT_EQ(Impairments::parse("loss=0.1,out.loss=0.2").sent.loss, 0.2);
   EXPECT_THAT(fault_of("loss=abc"), HasSubstr("cannot use 'loss=abc' ('abc' is no number)"));
   EXPECT_THAT(fault_of("loss="), HasSubstr("('' is no number)"));
   EXPECT_THAT(fault_of("loss"), HasSubstr("(no '=')"));
