@@ -18,6 +18,9 @@ namespace {
 
 constexpr std::size_t max_rivals = 8;
 
+constexpr std::ptrdiff_t max_epochs_heard = 8;
+constexpr double remembered_s = 60.0;  // that somebody spoke in this vehicle's name
+
 template <class G>
 std::shared_ptr<const Backend<G>> make_backend(MapBackend backend) {
   if (backend == MapBackend::ekf) return std::make_shared<EkfMap<G>>();
@@ -376,7 +379,7 @@ bool SubmapManager<G>::admit(const Message<G>& message, double now_s) {
   }
   if (!guard_.admit(sender, now_s)) return false;
   if (sender == self_.vehicle) note_rival(message.sender, now_s);
-  if (message.sender != self_) peers_[message.sender].heard_s = now_s;
+  if (message.sender != self_) note_peer(message.sender).heard_s = now_s;
   return true;
 }
 
@@ -418,6 +421,7 @@ void SubmapManager<G>::take_in(FactKind kind, const Fact& fact) {
   const bool own = fact.key.chain == self_;
   if (own && !store_.holds(fact)) {  // all that was ever said here is held; anything else was never said
     ++counters_.facts_impersonated;
+    impersonated_s_ = now_s_;
     return;
   }
   const Insertion result = own ? Insertion::duplicate : insert(fact);
@@ -435,7 +439,7 @@ void SubmapManager<G>::take_in_live(const LivePose<G>& live, double now_s) {
     ++counters_.live_unfit;
     return;
   }
-  Peer& peer = peers_[live.chain];
+  Peer& peer = note_peer(live.chain);
   const bool overtaken = peer.live && now_s <= peer.live_s + params_.stale_peer_s &&
                          (live.state.stamp_s < peer.live->said.state.stamp_s || live.anchor < peer.live->said.anchor);
   if (overtaken) return;
@@ -448,12 +452,42 @@ void SubmapManager<G>::take_in_live(const LivePose<G>& live, double now_s) {
 template <class G>
 void SubmapManager<G>::note_rival(const ChainId& sender, double now_s) {
   ++counters_.senders_impersonated;
+  impersonated_s_ = now_s;
   if (sender.epoch > self_.epoch) return;  // it will be refused itself
   std::erase_if(rivals_, [&](const Rival& rival) { return now_s > rival.heard_s + params_.stale_peer_s; });
   const auto known =
       std::find_if(rivals_.begin(), rivals_.end(), [&](const Rival& rival) { return rival.chain == sender; });
   if (known != rivals_.end()) known->heard_s = now_s;
   else if (rivals_.size() < max_rivals) rivals_.push_back({sender, now_s, now_s});
+}
+
+// The guard bounds the vehicles; of each the epochs heard last are kept.
+template <class G>
+typename SubmapManager<G>::Peer& SubmapManager<G>::note_peer(const ChainId& chain) {
+  if (const auto known = peers_.find(chain); known != peers_.end()) return known->second;
+  const auto first = peers_.lower_bound({chain.vehicle, 0});
+  auto end = first, oldest = first;
+  for (; end != peers_.end() && end->first.vehicle == chain.vehicle; ++end)
+    if (end->second.heard_s < oldest->second.heard_s) oldest = end;
+  if (std::distance(first, end) >= max_epochs_heard) peers_.erase(oldest);
+  return peers_[chain];
+}
+
+// As many facts of one chain, all there are, and other contents: its author has said two things under one key, and not
+// all have heard the same.
+template <class G>
+void SubmapManager<G>::compare(Peer& peer, const std::vector<ChainMark>& marks) {
+  std::set<ChainId> differ;
+  for (const ChainMark& theirs : marks) {
+    const auto chain = store_.chains().find(theirs.chain);
+    if (chain == store_.chains().end()) continue;
+    peer.contradicts.erase(theirs.chain);
+    const ChainMark& ours = chain->second.marks[static_cast<std::size_t>(theirs.kind)];
+    const bool all = ours.count == ours.high_water && theirs.count == theirs.high_water && ours.count == theirs.count;
+    if (all && ours.hash != theirs.hash) differ.insert(theirs.chain);
+  }
+  counters_.contradictions += differ.size();
+  peer.contradicts.merge(differ);
 }
 
 template <class G>
@@ -482,7 +516,8 @@ void SubmapManager<G>::handle_digest(const ChainId& sender, const Digest& digest
   Digest others = digest;  // nobody can know more of this chain than this vehicle
   std::erase_if(others.marks, [&](const ChainMark& mark) { return mark.chain == self_; });
   repair_.on_digest(store_, sender, others, now_s);
-  Peer& peer = peers_[sender];
+  Peer& peer = note_peer(sender);
+  compare(peer, digest.marks);
   peer.clock.add(now_s - digest.stamp_s, now_s);
   if (digest.map_facts != digests_.facts) return;  // maps of other facts say nothing
   peer.disagrees = digest.map != digests_.map;
@@ -572,12 +607,14 @@ std::uint32_t SubmapManager<G>::reasons(const ChainId& chain, double heard_s, do
   }
   if (map_.drift_alarms.count(chain) != 0) reasons |= reason_drift;
   if (!map_.map->aligned(chain) && map_.unsettled.count(chain) != 0) reasons |= reason_ambiguous;
-  if (chain == self_ && counters_.facts_impersonated + counters_.senders_impersonated > 0)
-    reasons |= reason_impersonated;
+  if (chain == self_ && now_s_ <= impersonated_s_ + remembered_s) reasons |= reason_impersonated;
   if (const auto peer = peers_.find(chain); peer != peers_.end() && peer->second.live)
     reasons |= peer->second.live->said.reasons & reason_impersonated;  // nobody but the vehicle itself can know
-  for (const auto& [id, peer] : peers_)
+  for (const auto& [id, peer] : peers_) {
+    if (now_s_ > peer.heard_s + params_.stale_peer_s) continue;  // what it said of others no longer counts
     if (peer.disagrees && (id == chain || chain == self_)) reasons |= reason_disagreement;
+    if (peer.contradicts.contains(chain)) reasons |= reason_equivocation;
+  }
   return reasons;
 }
 

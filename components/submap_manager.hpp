@@ -13,6 +13,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <utility>
 #include <variant>
 #include <vector>
@@ -74,6 +75,7 @@ struct SubmapManagerCounters {
   std::uint64_t sends_rejected = 0;        ///< the network would not take it; repair makes up for it
   std::uint64_t dimension_mismatch = 0;    ///< digests of fleets of another dimension
   std::uint64_t disagreements = 0;         ///< digests with our facts and another map
+  std::uint64_t contradictions = 0;        ///< marks of as many facts of a chain as are held, with other contents
   std::uint64_t maps_built = 0;
 };
 
@@ -185,6 +187,8 @@ class SubmapManager {
   const PeerGuardCounters& peer_counters() const { return guard_.counters(); }
   const RepairCounters& repair_counters() const { return repair_.counters(); }
   ExchangeCounters exchange_counters() const { return exchange_.counters(); }
+  /// Chains that something was heard of.
+  std::size_t peers_heard() const { return peers_.size(); }
 
  private:
   // A live pose and where it is by a map: that takes a while, and is asked for more often than either changes.
@@ -204,6 +208,7 @@ class SubmapManager {
     double live_s = 0.0;  // when it came
     double heard_s = 0.0;
     bool disagrees = false;
+    std::set<ChainId> contradicts;  // of which it has other facts than this vehicle, under the same keys
     LeastDelay clock;
   };
   /// Somebody else under this vehicle's id.
@@ -223,6 +228,8 @@ class SubmapManager {
   void take_in_live(const LivePose<G>& live, double now_s);
   void handle_digest(const ChainId& sender, const Digest& digest, double now_s);
   void note_rival(const ChainId& sender, double now_s);
+  Peer& note_peer(const ChainId& chain);
+  void compare(Peer& peer, const std::vector<ChainMark>& marks);
   void send_digest(std::vector<ChainMark> marks, double now_s);
   std::uint32_t reasons(const ChainId& chain, double heard_s, double now_s) const;
   bool map_due(double now_s) const;
@@ -260,6 +267,7 @@ class SubmapManager {
   std::map<VehicleId, double> encounter_s_;  // stamp of the last encounter published with each
   std::vector<std::pair<Key, double>> unanswered_;
   std::map<ChainId, Peer> peers_;
+  double impersonated_s_ = -1e300;  // when that was noticed last
   SubmapManagerCounters counters_;
 };
 

@@ -250,6 +250,7 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["sends_in_debt"] = s.network.outbox.in_debt;
   c["failures"] = s.failures.count;
   c["disagreements"] = s.submaps.disagreements;
+  c["contradictions"] = s.submaps.contradictions;
   c["maps_built"] = s.submaps.maps_built;
   for (int i = 0; i < insertion_count; ++i)
     c["insertions"][to_string(static_cast<Insertion>(i))] = s.insertions[static_cast<std::size_t>(i)];

@@ -339,6 +339,9 @@ TEST(Integrity, SuspectWhenAPeerHasTheSameFactsAndAnotherMap) {
   const auto state = self.view_of({2, 1}, fleet.now_s);
   EXPECT_EQ(state.integrity, Integrity::suspect);
   EXPECT_TRUE(state.reasons & reason_disagreement);
+  EXPECT_TRUE(self.view_of(self.chain(), fleet.now_s).reasons & reason_disagreement);
+  self.step(fleet.now_s += 16.0);
+  EXPECT_FALSE(self.view_of(self.chain(), fleet.now_s).reasons & reason_disagreement) << "who said so is gone";
 }
 
 TEST(Integrity, SuspectWhileFactsAreMissing) {

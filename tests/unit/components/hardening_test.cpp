@@ -43,6 +43,45 @@ TEST(Hardening, AnImpersonatorMakesUsSuspectAndNothingElse) {
     if (const auto* live = std::get_if<LivePose<SE2>>(&message.payload))
       said = live->integrity == Integrity::suspect && (live->reasons & reason_impersonated) != 0;
   EXPECT_TRUE(said);
+  self.step(fleet.now_s += 61.0);
+  EXPECT_FALSE(has(self.view_of({1, 1}, fleet.now_s), reason_impersonated)) << "that is over";
+}
+// One key, two contents, and each vehicle has heard one of them: no store can see that by itself.
+TEST(Hardening, WhoSaysOneThingToSomeAndAnotherToOthersIsFoundOut) {
+  InProcessNetwork<SE2> left, right;
+  const auto l = left.join(), r = right.join();
+  const auto e1 = left.join(), e2 = right.join();
+  SubmapManager<SE2> one({1, 1}, *e1, {}), two({2, 1}, *e2, {});
+  AnchorFact<SE2> first = anchor_fact({3, 1}, 0), second = first;
+  second.state.stamp_s += 1.0;
+  ASSERT_EQ(l->send({{3, 1}, first}), SendStatus::sent);
+  ASSERT_EQ(r->send({{3, 1}, second}), SendStatus::sent);
+  double now_s = 0.0;
+  const auto step = [&] {
+    now_s += 0.5;
+    one.step(now_s);
+    two.step(now_s);
+    for (auto& message : l->take(now_s))
+      if (message.sender.vehicle == 1) (void)r->send(message);
+    for (auto& message : r->take(now_s))
+      if (message.sender.vehicle == 2) (void)l->send(message);
+  };
+  for (int k = 0; k < 20; ++k) step();
+  for (auto* manager : {&one, &two}) {
+    EXPECT_EQ(manager->store().insertions()[static_cast<std::size_t>(Insertion::conflict)], 0U);
+    EXPECT_GT(manager->counters().contradictions, 0U);
+    for (const auto& vehicle : manager->vehicles(now_s))
+      if (vehicle.chain.vehicle == 3) EXPECT_TRUE(has(vehicle, reason_equivocation));
+  }
+}
+// Ever new epochs of one vehicle.
+TEST(Hardening, WhatIsKeptOfThoseThatSpeakIsBounded) {
+  InProcessNetwork<SE2> network;
+  const auto e1 = network.join(), e2 = network.join();
+  SubmapManager<SE2> manager({1, 1}, *e1, {});
+  for (Epoch e = 1; e <= 1000; ++e) ASSERT_EQ(e2->send({{2, e}, Digest{}}), SendStatus::sent);
+  manager.step(1.0);
+  EXPECT_LE(manager.peers_heard(), 8U);
 }
 // Two processes with one id, each with an epoch of its own: both notice, and so do the others. A vehicle that was
 // restarted is no such thing.
