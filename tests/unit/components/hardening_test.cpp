@@ -71,7 +71,7 @@ TEST(Hardening, WhoSaysOneThingToSomeAndAnotherToOthersIsFoundOut) {
     EXPECT_EQ(manager->store().insertions()[static_cast<std::size_t>(Insertion::conflict)], 0U);
     EXPECT_GT(manager->counters().contradictions, 0U);
     for (const auto& vehicle : manager->vehicles(now_s))
-      if (vehicle.chain.vehicle == 3) EXPECT_TRUE(has(vehicle, reason_equivocation));
+      EXPECT_EQ(has(vehicle, reason_equivocation), vehicle.chain.vehicle == 3) << vehicle.chain.vehicle;
   }
 }
 // Ever new epochs of one vehicle.
