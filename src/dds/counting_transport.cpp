@@ -20,6 +20,7 @@ transport::TransportInterface* CountingTransportDescriptor::create_transport() c
 bool CountingTransport::send(rtps::SenderResource& below, const rtps::octet* buffer, std::uint32_t size,
                              const rtps::LocatorList_t& destinations,
                              const std::chrono::steady_clock::time_point& until) {
+  if (descriptor_.counters->muted) return true;
   const bool sent = send_on(below, buffer, size, destinations, until);
   WireCounters& counters = *descriptor_.counters;
   if (!sent) ++counters.failed_sends;

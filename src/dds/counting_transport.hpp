@@ -17,6 +17,7 @@ struct WireCounters {
   std::atomic<std::uint64_t> header_bytes{0};  ///< of what carries them; see header_bytes_of()
   std::atomic<std::uint64_t> failed_sends{0};  ///< the transport below took less than all of a message's datagrams
   std::atomic<std::uint64_t> dropped{0};       ///< by an impairment, of what was sent or received
+  std::atomic<bool> muted{false};              ///< what is sent meanwhile is not, and nobody is told
 
   std::uint64_t wire_bytes() const { return rtps_bytes.load() + header_bytes.load(); }
 };

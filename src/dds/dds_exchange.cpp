@@ -438,8 +438,13 @@ class Entities {
     add_layers(qos, config, profiles, counters, admission_.get());
     qos.wire_protocol().prefix = new_prefix(config.vehicle);
     if (security_) security_->apply(qos);
+    // The first announcement goes out before answers to it can be taken. Those who heard it would answer once, in vain,
+    // and be found by what they announce from time to time; so the second one is to be the first.
+    counters->muted =
+        qos.wire_protocol().builtin.discovery_config.discoveryProtocol == rtps::DiscoveryProtocol_t::SIMPLE;
     own_ = need(factory_->create_participant(config.domain, qos, admission_.get(), edds::StatusMask::none()), domain_,
                 "participant '" + config.participant_profile + "' in domain " + std::to_string(config.domain));
+    counters->muted = false;
     domain_.participant = own_;
   }
   void close() {

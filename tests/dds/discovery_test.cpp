@@ -104,6 +104,26 @@ TEST(Discovery, MalformedAddressesAreRefusedBeforeAnybodyIsAskedForThem) {
   EXPECT_THAT(refusal(config), HasSubstr("initial peers over TCP: '127.0.0.1' has no port"));
 }
 
+// Others answer a newcomer's first announcement at once, and no later one: it must hear them by then. Otherwise they
+// are found by their next announcement, which with this profile comes after 40 s.
+TEST(Discovery, WhoComesLateHearsTheAnswersToItsAnnouncement) {
+  const std::string profile = profile_named("low_bandwidth");
+  Fleet fleet(profile, {});
+  fleet.add(2);
+  fleet.expect_all("peers 1", "peers 1");
+  std::this_thread::sleep_for(std::chrono::seconds(5));  // all initial announcements have been made
+  for (VehicleId late_id = 11; late_id <= 14; ++late_id) {
+    auto command = peer_command(late_id, profile);
+    command.push_back(here);
+    Child late(command);
+    ASSERT_EQ(late.hear(), "ready");
+    late.tell("peers 2");
+    ASSERT_EQ(late.hear(), "peers 2") << late_id;
+    EXPECT_EQ(late.finish(), 0);
+  }
+  fleet.finish();
+}
+
 TEST(Discovery, SixOnOneHostFindEachOtherByInitialPeers) {
   Fleet fleet(profile_named("unicast_peers"), {std::string("peer=") + here});
   fleet.add(6);
