@@ -6,6 +6,7 @@
 #include <spdlog/spdlog.h>
 #include <nlohmann/json.hpp>
 
+#include <algorithm>
 #include <fstream>
 #include <map>
 #include <set>
@@ -287,6 +288,17 @@ double peak_rss_mb() {
   return 0.0;
 }
 
+// A minute after somebody has spoken in a vehicle's name it is no reason for doubt any more. Of the run as a whole it
+// is.
+template <class G>
+void tell_of_impersonation(const VehicleSnapshot<G>& s, json& summary) {
+  if (s.submaps.facts_impersonated + s.submaps.senders_impersonated == 0) return;
+  const std::string reason = names_of_reasons(reason_impersonated).front();
+  json& reasons = summary["reasons"];
+  if (std::find(reasons.begin(), reasons.end(), reason) == reasons.end()) reasons.push_back(reason);
+  if (summary.value("integrity", "") == to_string(Integrity::ok)) summary["integrity"] = to_string(Integrity::suspect);
+}
+
 }  // namespace
 
 template <class G>
@@ -360,6 +372,7 @@ void VehicleOutput<G>::write_end(double t_s, const VehicleSnapshot<G>& snapshot,
   write_text_file(folder_ / "facts.jsonl", facts_lines(manager.store()));
 
   json summary = vehicle_status(t_s, snapshot);
+  tell_of_impersonation(snapshot, summary);
   summary["peak_rss_mb"] = peak_rss_mb();
   summary["counters"] = counters_json(snapshot);
   write_text_file(folder_ / "summary.json", summary.dump(1) + "\n");
