@@ -1,7 +1,7 @@
 // Ten vehicles in processes of their own, over sockets, while a seed draws what happens to them: they are killed, stand
 // still, lose their disks, their journals' ends and datagrams, and are cut off from each other. When that stops, all
 // that live must come to hold the same, and nothing may be gone that somebody held or had in an intact journal.
-// CONVOY_CHAOS_SECONDS (60) is how long it goes on, CONVOY_CHAOS_SEED (1) draws it. Processes are not repeatable to the
+// CONVOY_CHAOS_SECONDS (40) is how long it goes on, CONVOY_CHAOS_SEED (1) draws it. Processes are not repeatable to the
 // bit: a seed gives the same faults at about the same times.
 #include "chaos_testing.hpp"
 
@@ -362,7 +362,7 @@ class Chaos {
 
 TEST(Chaos, WhenTheFaultsStopAllHoldTheSameAndNothingIsLost) {
   const auto seed = static_cast<std::uint64_t>(number_of_environment("CONVOY_CHAOS_SEED", 1));
-  const double seconds = number_of_environment("CONVOY_CHAOS_SECONDS", 60.0);
+  const double seconds = number_of_environment("CONVOY_CHAOS_SECONDS", 40.0);
   std::cout << "seed " << seed << ", " << seconds << " s of faults" << std::endl;
   Chaos chaos(seed, seconds, dds::testing::domain_of_this_test());
   std::string broken_off;

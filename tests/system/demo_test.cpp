@@ -77,7 +77,7 @@ TEST_P(DemoByProfile, SharesOneConsistentMap) {
   expect_whole(read_json(scratch / "run/metrics.json"));
 }
 
-INSTANTIATE_TEST_SUITE_P(Names, DemoByProfile, ::testing::Values("lan", "lossy_radio.xml", "low_bandwidth"));
+INSTANTIATE_TEST_SUITE_P(Names, DemoByProfile, ::testing::Values("lan", "lossy_radio.xml"));
 
 TEST(Demo, TwoVehiclesOnAStreetInSpaceShareOneConsistentMap) {
   const ScratchFolder scratch;
