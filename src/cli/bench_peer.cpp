@@ -116,10 +116,10 @@ class BenchPeer {
     return p;
   }
 
-  // As low_bandwidth.xml advises: little at a time.
+  // No message is larger than a second bears.
   static BudgetParams budget(const BenchPeerOptions& options) {
     BudgetParams p;
-    if (options.budget_bytes_per_s > 0.0) p = {options.budget_bytes_per_s, 0.25, 5};
+    if (options.budget_bytes_per_s > 0.0) p = {options.budget_bytes_per_s, 0.25, 10};
     return p;
   }
 
