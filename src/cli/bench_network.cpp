@@ -454,7 +454,7 @@ json paper_with(const fs::path& folder, const std::string& profile, double budge
 }
 
 json paper(const fs::path& folder) {
-  json details = paper_with(folder, "low_bandwidth.xml", 1000.0);
+  json details = paper_with(folder, "low_bandwidth.xml", 900.0);
   details["loopback_udp"] = paper_with(folder, "loopback_udp.xml", 0.0);
   const double mean_rate = details["bytes_per_s_mean_with_discovery"];
   const double worst = details["bytes_per_s_worst_second_after_discovery"];

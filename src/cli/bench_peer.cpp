@@ -119,7 +119,7 @@ class BenchPeer {
   // No message is larger than a second bears.
   static BudgetParams budget(const BenchPeerOptions& options) {
     BudgetParams p;
-    if (options.budget_bytes_per_s > 0.0) p = {options.budget_bytes_per_s, 0.25, 10};
+    if (options.budget_bytes_per_s > 0.0) p = {options.budget_bytes_per_s, 0.2, 10};
     return p;
   }
 
