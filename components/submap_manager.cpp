@@ -41,45 +41,13 @@ void validate(const ChainId& self, const SubmapManagerParams& p) {
 }
 
 // To the bit, as the wire has it: R D R^T is symmetric but for rounding. One that was so already stays as it is.
-template <class Matrix>
-void symmetrise(Matrix& P) {
-  P = symmetrised(P);
-}
-template <class G>
-void symmetrise(ChainState<G>& state) {
-  symmetrise(state.drift);
-}
-template <class G>
-void symmetrise(AnchorFact<G>& fact) {
-  symmetrise(fact.state);
-}
-template <class G>
-void symmetrise(LandmarkFact<G>& fact) {
-  symmetrise(fact.covariance);
-}
-template <class G>
-void symmetrise(PriorFact<G>& fact) {
-  symmetrise(fact.covariance);
-}
-template <class G>
-void symmetrise(AbsoluteFixFact<G>& fact) {
-  symmetrise(fact.state);
-  symmetrise(fact.covariance);
-}
-template <class G>
-void symmetrise(EncounterFact<G>& fact) {
-  symmetrise(fact.state);
-  symmetrise(fact.covariance);
-}
-template <class G>
-void symmetrise(WaypointFact<G>& fact) {
-  symmetrise(fact.state);
-}
-template <class G>
-void symmetrise(LivePose<G>& live) {
-  symmetrise(live.state);
-  symmetrise(live.shared);
-  for (RememberedLandmark<G>& landmark : live.remembered) symmetrise(landmark.covariance);
+template <class Said>
+void symmetrise(Said& said) {
+  if constexpr (requires { said.state; }) said.state.drift = symmetrised(said.state.drift);
+  if constexpr (requires { said.covariance; }) said.covariance = symmetrised(said.covariance);
+  if constexpr (requires { said.shared; }) said.shared = symmetrised(said.shared);
+  if constexpr (requires { said.remembered; })
+    for (auto& landmark : said.remembered) symmetrise(landmark);
 }
 
 /// In facts, about.
