@@ -3,6 +3,7 @@
 #include <convoy/geometry/groups.hpp>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <Eigen/SVD>
 
 namespace convoy {

@@ -5,6 +5,7 @@
 #include <convoy/map/live_pose.hpp>
 
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <vector>
 

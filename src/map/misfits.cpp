@@ -4,6 +4,8 @@
 #include <convoy/geometry/groups.hpp>
 #include <convoy/map/misfits.hpp>
 
+#include <Eigen/LU>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>

@@ -5,6 +5,8 @@
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
 
+#include <Eigen/LU>
+
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
