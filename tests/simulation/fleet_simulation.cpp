@@ -20,6 +20,8 @@ using test::Random;
 
 constexpr double step_s = 0.25;
 constexpr double faults_end_s = 60.0;
+// What nobody has is declared missing after RepairParams::lost_after_s without an answer.
+const double declared_missing_s = RepairParams().lost_after_s + liveness_s;
 
 /// A disk that may be full, and that is damaged when the power goes.
 struct Disk {
@@ -151,7 +153,9 @@ class Simulation {
   void note_own_facts(Machine& machine);
   void heal();
   bool equal() const;
+  bool all_accounted_for() const;
   void check();
+  void check_declared_missing(const SubmapManager<G>& manager, const std::set<FactId>& held);
   void expect(bool holds, const std::string& what) {
     if (!holds) outcome_.failures.push_back(what);
   }
@@ -303,6 +307,13 @@ bool Simulation::equal() const {
   });
 }
 
+// Nobody goes on waiting for what is gone.
+bool Simulation::all_accounted_for() const {
+  const auto list = alive();
+  return std::all_of(list.begin(), list.end(),
+                     [](const Machine* machine) { return machine->life->manager.facts_missing() == 0; });
+}
+
 Outcome Simulation::run() {
   draw_fleet();
   for (; world_.now_s < faults_end_s; world_.now_s += step_s) {
@@ -322,6 +333,9 @@ Outcome Simulation::run() {
     if (quiet_s == 0.0) outcome_.settled_s = world_.now_s - faults_end_s;
     quiet_s = equal() ? quiet_s + step_s : 0.0;
   }
+  for (const double end_s = world_.now_s + declared_missing_s; world_.now_s < end_s && !all_accounted_for();
+       world_.now_s += step_s)
+    for (const auto& machine : machines_) step(*machine);
   check();
   return outcome_;
 }
@@ -360,6 +374,7 @@ void Simulation::check() {
     const auto& manager = machine->life->manager;
     outcome_.requests += manager.repair_counters().requests_sent;
     outcome_.relayed += manager.repair_counters().facts_relayed;
+    check_declared_missing(manager, held);
     expect(manager.map().map->digest() == outcome_.map, "not all vehicles have the same map");
     expect(manager.counters().disagreements == 0, "two vehicles made different maps of the same facts");
     expect(manager.counters().facts_unfit == 0, "a fact of its own was refused");
@@ -370,6 +385,22 @@ void Simulation::check() {
   }
 }
 
+// Every fact that was ever stated is held, or declared missing, or beyond all that this vehicle was ever told of.
+void Simulation::check_declared_missing(const SubmapManager<G>& manager, const std::set<FactId>& held) {
+  std::uint64_t gone = 0;
+  for (const auto& [id, hash] : history_) {
+    const auto& [kind, key] = id;
+    const auto chain = manager.store().chains().find(key.chain);
+    if (chain == manager.store().chains().end()) continue;
+    const bool told = key.index < chain->second.marks[static_cast<std::size_t>(kind)].high_water;
+    gone += told && !held.contains(id);
+  }
+  outcome_.facts_declared_missing = std::max(outcome_.facts_declared_missing, manager.facts_lost());
+  expect(manager.facts_missing() == 0, "waits for " + std::to_string(manager.facts_missing()) + " facts that are gone");
+  expect(manager.facts_lost() == gone, std::to_string(gone) + " facts are gone, of which it declares missing " +
+                                           std::to_string(manager.facts_lost()));
+}
+
 }  // namespace
 
 Outcome simulate(std::uint64_t seed) { return Simulation(seed).run(); }
@@ -378,8 +409,9 @@ std::string to_string(const Outcome& o) {
   std::ostringstream text;
   text << o.vehicles << " vehicles, " << o.crashes << " crashes, " << o.restarts << " restarts, " << o.partitions
        << " partitions, " << o.damaged_journals << " damaged journals, " << o.full_disks << " full disks, "
-       << o.messages_lost << " messages lost, " << o.facts_stated << " facts, of which gone " << o.facts_gone << "; "
-       << o.requests << " requests, " << o.relayed << " relayed; settled after " << o.settled_s << " s";
+       << o.messages_lost << " messages lost, " << o.facts_stated << " facts, of which gone " << o.facts_gone
+       << " (declared missing " << o.facts_declared_missing << "); " << o.requests << " requests, " << o.relayed
+       << " relayed; settled after " << o.settled_s << " s";
   for (const std::string& failure : o.failures) text << "\n  FAILED: " << failure;
   return text.str();
 }
