@@ -101,28 +101,16 @@ void ExchangeWorker<G>::run() {
   std::unique_lock lock(mutex_);
   double watched_s = steady_s();
   while (!stop_) {
-    attempt(lock, [&] { send_what_may(lock); });
+    attempt(counters_.failures, lock, [&] { send_what_may(lock); });
     if (const double now_s = steady_s(); now_s >= watched_s + watch_period_s) {
       watched_s = now_s;
-      attempt(lock, [&] { watch(lock, now_s); });
+      attempt(counters_.failures, lock, [&] { watch(lock, now_s); });
     }
     if (outbox_.empty()) wake_.wait_for(lock, idle, [this] { return stop_ || !outbox_.empty(); });
     else wake_.wait_for(lock, waiting_for_budget, [this] { return stop_; });
   }
-  attempt(lock, [&] { send_what_may(lock); });
+  attempt(counters_.failures, lock, [&] { send_what_may(lock); });
   network_.reset();
-}
-
-// Whatever it throws: the thread goes on, with the lock.
-template <class G>
-template <class Part>
-void ExchangeWorker<G>::attempt(std::unique_lock<std::mutex>& lock, Part part) {
-  try {
-    part();
-  } catch (...) {
-    if (!lock.owns_lock()) lock.lock();
-    add_current(counters_.failures);
-  }
 }
 
 // The lock is open while the network has the message.

@@ -48,8 +48,6 @@ class ExchangeWorker final : public SubmapExchange<G> {
 
  private:
   void run();
-  template <class Part>
-  void attempt(std::unique_lock<std::mutex>& lock, Part part);
   void send_what_may(std::unique_lock<std::mutex>& lock);
   void watch(std::unique_lock<std::mutex>& lock, double now_s);
   void reopen(std::unique_lock<std::mutex>& lock, double now_s);

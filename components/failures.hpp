@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <exception>
+#include <mutex>
 #include <string>
 
 namespace convoy {
@@ -21,6 +22,17 @@ inline void add_current(Failures& failures) {
     failures.last_error = failure.what();
   } catch (...) {
     failures.last_error = "not a std::exception";
+  }
+}
+
+/// part(), of a thread that holds the lock and has it again afterwards, whatever part() throws.
+template <class Part>
+void attempt(Failures& failures, std::unique_lock<std::mutex>& lock, const Part& part) {
+  try {
+    part();
+  } catch (...) {
+    if (!lock.owns_lock()) lock.lock();
+    add_current(failures);
   }
 }
 

@@ -122,31 +122,19 @@ template <class G>
 void Vehicle<G>::run() {
   std::unique_lock lock(mutex_);
   while (!stop_) {
-    attempt(lock, [&] { step(lock); });
+    attempt(failures_, lock, [&] { step(lock); });
     const double pause_s = manager_->busy() ? std::min(hurried_s, params_.step_period_s) : params_.step_period_s;
     wake_.wait_for(lock, std::chrono::duration<double>(pause_s), [this] { return stop_; });
-  }
-}
-
-// Whatever it throws: the thread goes on, with the lock.
-template <class G>
-template <class Part>
-void Vehicle<G>::attempt(std::unique_lock<std::mutex>& lock, Part part) {
-  try {
-    part();
-  } catch (...) {
-    if (!lock.owns_lock()) lock.lock();
-    add_current(failures_);
   }
 }
 
 template <class G>
 void Vehicle<G>::step(std::unique_lock<std::mutex>& lock) {
   const double now_s = clock_();
-  attempt(lock, [&] { manager_->step(now_s); });
-  attempt(lock, [&] { front_end_component_->answer_encounters(); });
-  attempt(lock, [&] { search(lock); });
-  attempt(lock, [&] { tend_map(now_s); });
+  attempt(failures_, lock, [&] { manager_->step(now_s); });
+  attempt(failures_, lock, [&] { front_end_component_->answer_encounters(); });
+  attempt(failures_, lock, [&] { search(lock); });
+  attempt(failures_, lock, [&] { tend_map(now_s); });
 }
 
 // The lock is open during a search.

@@ -136,8 +136,6 @@ class Vehicle {
   void step(std::unique_lock<std::mutex>& lock);
   void search(std::unique_lock<std::mutex>& lock);
   void tend_map(double now_s);
-  template <class Part>
-  void attempt(std::unique_lock<std::mutex>& lock, Part part);
 
   VehicleParams<G> params_;
   FrontEnd<G>& front_end_;
