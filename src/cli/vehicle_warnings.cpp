@@ -186,7 +186,8 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
             "a message of this vehicle cannot be carried by the wire format and was dropped (sends_unfit counts them): "
             "peers will lack what was in it");
   if (s.peers.quarantines > quarantines_)
-    say(Level::warning, "a vehicle floods the network: nothing is taken from it for now");
+    say(Level::warning, "somebody floods the network as vehicle " + std::to_string(s.peers.last_quarantined) +
+                            ": nothing is taken from it for a while (<peers> says how much is too much)");
   quarantines_ = s.peers.quarantines;
   say_while(s.journal.waiting > 0, journal_waits_, Level::error,
             "the journal cannot be written (is the disk full?); facts wait in memory until it can");

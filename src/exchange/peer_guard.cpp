@@ -38,6 +38,7 @@ bool PeerGuard::admit(VehicleId sender, double now_s) {
   }
   peer.free_s = now_s + limits_.quarantine_s;
   ++counters_.quarantines;
+  counters_.last_quarantined = sender;
   ++counters_.messages_refused;
   return false;
 }

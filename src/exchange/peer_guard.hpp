@@ -23,6 +23,7 @@ void validate(const PeerLimits& limits);
 
 struct PeerGuardCounters {
   std::uint64_t quarantines = 0;       ///< begun
+  VehicleId last_quarantined = 0;      ///< 0: nobody yet
   std::uint64_t messages_refused = 0;  ///< of vehicles in quarantine, or beyond max_peers
 };
 

@@ -100,6 +100,17 @@ TEST(VehicleWarnings, ASenderWhoIsNotOnTheRosterIsSpokenOfOnce) {
   EXPECT_THAT(warnings.look(snapshot, 1.0), IsEmpty());
 }
 
+TEST(VehicleWarnings, WhoFloodsTheNetworkIsNamedEachTime) {
+  VehicleWarnings<SE2> warnings(some_config(), true);
+  VehicleSnapshot<SE2> snapshot = with_peers(1);
+  for (const VehicleId flooder : {VehicleId{7}, VehicleId{9}}) {
+    ++snapshot.peers.quarantines;
+    snapshot.peers.last_quarantined = flooder;
+    EXPECT_THAT(text_of(warnings.look(snapshot, 0.0)), HasSubstr("as vehicle " + std::to_string(flooder) + ":"));
+    EXPECT_THAT(warnings.look(snapshot, 1.0), IsEmpty());
+  }
+}
+
 TEST(VehicleWarnings, ClocksAreComparedWhereTheyAreReal) {
   VehicleSnapshot<SE2> snapshot = with_peers(2);
   hear(snapshot, 2, 1.0, 3.0);

@@ -19,6 +19,7 @@ TEST(PeerGuard, AFloodingPeerIsQuarantinedAndTheOthersDoNotNotice) {
   EXPECT_EQ(admitted(guard, 1, 5000, 0.0), 100);
   EXPECT_TRUE(guard.quarantined(1, 0.0));
   EXPECT_EQ(guard.counters().quarantines, 1U);
+  EXPECT_EQ(guard.counters().last_quarantined, 1U);
   EXPECT_EQ(guard.counters().messages_refused, 4900U);
   EXPECT_EQ(admitted(guard, 2, 100, 0.0), 100);
   EXPECT_FALSE(guard.quarantined(2, 0.0));
