@@ -68,11 +68,11 @@ int main(int argc, char** argv) {
       ->check(whole_number);
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
       ->check(CLI::Range(0.01, 1000.0));
-  demo_command->add_option(
-      "--impair", demo.impair,
+  const std::string impairments =
       "loss=0.3,duplicate=0.2,delay=100ms,jitter=50ms,reorder=0.1,rate=100kB/s,"
       "partition=3+4@10s..70s,seed=7 on what is received, in real seconds; with out. before it, on what "
-      "is sent");
+      "is sent";
+  demo_command->add_option("--impair", demo.impair, impairments);
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
   demo_command->add_flag("--encounters", demo.encounters,
                          "use what the vehicles see of each other (mrclam), beside landmarks");
@@ -110,6 +110,7 @@ int main(int argc, char** argv) {
                    "seconds between status lines, 0.01 to 86400 (default: 0.25)")
       ->check(CLI::Range(0.01, 86400.0));
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
+  vehicle_command->add_option("--impair", vehicle.impair, impairments + "; instead of the configuration's");
   vehicle_command->add_option("--out", vehicle.out,
                               "folder for what it writes (default: the configuration's); the state folder, which holds "
                               "the last epoch, stays where it is");

@@ -110,6 +110,7 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
   if (options.now) config.sensors.start_unix_s = 0.0;
+  if (!options.impair.empty()) config.impairment = Impairments::parse(options.impair);
   if (!options.out.empty()) config.output_folder = options.out;
   const bool starts_now = config.sensors.start_unix_s == 0.0;
   const double start_s = starts_now ? unix_now_s() : config.sensors.start_unix_s;

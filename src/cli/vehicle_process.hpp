@@ -4,12 +4,14 @@
 #include <convoy/components/vehicle_config.hpp>
 
 #include <filesystem>
+#include <string>
 
 namespace convoy::cli {
 
 struct VehicleRunOptions {
   bool until_end = false;         ///< end when the sensor log has ended and all facts are settled
   bool now = false;               ///< the sensor log begins now, whatever the configuration says
+  std::string impair;             ///< instead of the configuration's, see Impairments::parse; empty: that one
   std::filesystem::path out;      ///< instead of the configuration's output folder; empty: that one
   double status_period_s = 0.25;  ///< one JSON status line on standard output per such time [s], > 0
 };

@@ -68,6 +68,14 @@ TEST_F(BadVehicle, ADamagedEpochFileIsNamedAndNoEpochIsUsed) {
   EXPECT_GT(epoch(), before);
 }
 
+TEST_F(BadVehicle, AnImpairmentOfTheCommandLineTakesThePlaceOfTheConfigurations) {
+  prepare("", sensors_header + "0,odometry,1,0,\n1,odometry,1,0,\n");
+  expect_refusal(arguments() + " --impair loss=2", "cannot use 'loss=2'");
+  const Outcome impaired = run_convoy(arguments() + " --impair loss=0.5");
+  EXPECT_EQ(impaired.status, 0) << impaired.output;
+  EXPECT_NE(impaired.output.find("IMPAIRED on purpose"), std::string::npos) << impaired.output;
+}
+
 TEST_F(BadVehicle, AHostileSensorLogIsNamedWithItsLine) {
   const auto refused = [this](const std::string& text, const std::string& words) {
     prepare("", text);
