@@ -79,7 +79,9 @@ ExchangeCounters ExchangeWorker<G>::counters_locked() const {
 template <class G>
 ExchangeCounters ExchangeWorker<G>::counters() const {
   const std::lock_guard lock(mutex_);
-  return counters_locked();
+  ExchangeCounters counters = counters_locked();
+  counters.repeats_waiting = outbox_.repeats_waiting();
+  return counters;
 }
 
 template <class G>

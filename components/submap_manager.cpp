@@ -332,7 +332,9 @@ void SubmapManager<G>::step(double now_s) {
     left -= std::min(left, work_in<G>(message.payload));
     handle(message, now_s);
   }
-  for (Payload<G>& payload : repair_.due(store_, now_s)) send(std::move(payload));
+  const auto held_back = exchange_.counters().repeats_waiting;
+  const Room room = !held_back ? Room::any : *held_back == 0 ? Room::one_block : Room::none;
+  for (Payload<G>& payload : repair_.due(store_, now_s, room)) send(std::move(payload));
   if (auto marks = repair_.digest_due(store_, now_s)) send_digest(std::move(*marks), now_s);
   if (journal_ != nullptr) journal_->retry(now_s);
 }
@@ -353,6 +355,7 @@ bool SubmapManager<G>::admit(const Message<G>& message, double now_s) {
 
 template <class G>
 void SubmapManager<G>::handle(const Message<G>& message, double now_s) {
+  repair_.on_heard(message.sender, now_s);
   std::visit(
       [&](const auto& payload) {
         using P = std::decay_t<decltype(payload)>;

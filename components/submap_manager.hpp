@@ -185,6 +185,8 @@ class SubmapManager {
   bool refused() const;
   const SubmapManagerCounters& counters() const { return counters_; }
   const PeerGuardCounters& peer_counters() const { return guard_.counters(); }
+  /// All peers that are heard said last that they hold the same facts as this vehicle.
+  bool peers_agree() const { return repair_.all_agree(store_, now_s_); }
   const RepairCounters& repair_counters() const { return repair_.counters(); }
   ExchangeCounters exchange_counters() const { return exchange_.counters(); }
   /// Chains that something was heard of.

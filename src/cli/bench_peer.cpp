@@ -113,6 +113,7 @@ class BenchPeer {
   static SubmapManagerParams params(const BenchPeerOptions& options) {
     SubmapManagerParams p;
     p.seed = options.vehicle;
+    p.repair = under_budget(p.repair, options.budget_bytes_per_s);
     return p;
   }
 

@@ -110,6 +110,14 @@ bool Outbox<G>::put(Message<G> message) {
 }
 
 template <class G>
+std::optional<std::uint64_t> Outbox<G>::repeats_waiting() const {
+  if (params_.bytes_per_s <= 0.0) return std::nullopt;
+  std::uint64_t sum = repeats_.others.size();
+  for (const auto& [anchor, batch] : repeats_.batches) sum += batch.landmarks.size();
+  return sum;
+}
+
+template <class G>
 void Outbox<G>::put_back(Message<G> message) {
   const bool superseded = (std::holds_alternative<Digest>(message.payload) && digest_) ||
                           (std::holds_alternative<LivePose<G>>(message.payload) && live_);

@@ -58,6 +58,8 @@ class Outbox {
 
   bool empty() const;
   const OutboxCounters& counters() const { return counters_; }
+  /// Facts repeated for others that the budget holds back; nothing: there is no budget.
+  std::optional<std::uint64_t> repeats_waiting() const;
 
  private:
   using FactId = std::pair<FactKind, Key>;

@@ -28,7 +28,11 @@ class PacedExchange final : public SubmapExchange<G> {
     }
     return inner_->take(now_s);
   }
-  ExchangeCounters counters() const override { return inner_->counters(); }
+  ExchangeCounters counters() const override {
+    ExchangeCounters counters = inner_->counters();
+    counters.repeats_waiting = outbox_.repeats_waiting();
+    return counters;
+  }
   const OutboxCounters& outbox_counters() const { return outbox_.counters(); }
 
  private:

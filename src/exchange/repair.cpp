@@ -51,6 +51,15 @@ void validate(const RepairParams& p) {
   demand(p.batch_limit >= 1 && p.batch_limit <= 64, "batch_limit", p.batch_limit, "lie in 1..64");
 }
 
+RepairParams under_budget(RepairParams params, double bytes_per_s) {
+  if (bytes_per_s <= 0.0) return params;
+  constexpr double landmark_bytes = 60.0, share_of_facts = 2.0 / 3.0;
+  const double block_s = block * landmark_bytes / (share_of_facts * bytes_per_s);
+  params.relay_delay_s = std::max(params.relay_delay_s, 2.0 * block_s);
+  params.resend_s = std::max(params.resend_s, 2.0 * block_s);
+  return params;
+}
+
 template <class G>
 RepairProtocol<G>::RepairProtocol(const ChainId& self, const RepairParams& params, std::uint64_t seed)
     : self_(self), params_(params), random_(seed) {
@@ -80,10 +89,19 @@ bool RepairProtocol<G>::heard_lately(const ChainId& chain, double now_s) const {
 template <class G>
 void RepairProtocol<G>::on_digest(FactStore<G>& store, const ChainId& sender, const Digest& digest, double now_s) {
   if (store.is_full_of_rumours()) forget_rumours(store);
+  std::array<std::uint32_t, fact_kind_count> own{};
+  bool speaks_of_itself = false;
   for (const ChainMark& mark : digest.marks) {
-    if (mark.chain == sender) store.announce_own(mark.chain, mark.kind, mark.high_water);
-    else store.announce(mark.chain, mark.kind, mark.high_water);
+    if (mark.chain != sender) {
+      store.announce(mark.chain, mark.kind, mark.high_water);
+    } else if (static_cast<int>(mark.kind) < fact_kind_count) {
+      speaks_of_itself = true;
+      own[static_cast<std::size_t>(mark.kind)] = mark.high_water;
+    }
   }
+  // What it does not list of its own it has none of, whatever others say.
+  for (int k = 0; speaks_of_itself && k < fact_kind_count; ++k)
+    store.announce_own(sender, static_cast<FactKind>(k), own[static_cast<std::size_t>(k)]);
   if (sender == self_ || (peers_.size() >= max_known_peers && !peers_.contains(sender))) return;
   if (!heard_lately(sender, now_s)) {
     tell_soon(now_s);
@@ -204,6 +222,11 @@ double RepairProtocol<G>::relay_at(double now_s) {
 }
 
 template <class G>
+void RepairProtocol<G>::on_heard(const ChainId& sender, double now_s) {
+  if (const auto peer = peers_.find(sender); peer != peers_.end()) peer->second.heard_s = now_s;
+}
+
+template <class G>
 void RepairProtocol<G>::on_fact_seen(FactKind kind, const Key& key) {
   const auto it = answers_.find({kind, key});
   if (it == answers_.end() || it->second.insist) return;
@@ -213,10 +236,10 @@ void RepairProtocol<G>::on_fact_seen(FactKind kind, const Key& key) {
 }
 
 template <class G>
-std::vector<Payload<G>> RepairProtocol<G>::due(const FactStore<G>& store, double now_s) {
+std::vector<Payload<G>> RepairProtocol<G>::due(const FactStore<G>& store, double now_s, Room room) {
   std::vector<Payload<G>> out;
   request_missing(store, now_s, out);
-  answer(store, now_s, out);
+  answer(store, now_s, room, out);
   last_s_ = now_s;
   return out;
 }
@@ -323,6 +346,7 @@ void RepairProtocol<G>::request_missing(const FactStore<G>& store, const Sequenc
   // Half of what was asked for, or all that can be served meanwhile, is a good answer.
   const std::uint32_t got = wanted.asked - std::min(wanted.asked, lacking);
   if (2 * got >= std::min(wanted.asked, 200U)) wanted.in_vain = 0;
+  else if (got > 0) wanted.in_vain = std::min<std::uint8_t>(wanted.in_vain, 1);  // served slowly, on a short budget
   else wanted.in_vain += wanted.in_vain < 255;
   wanted.asked = lacking;
   request(store, sequence, wanted, author_is_there, out);
@@ -356,14 +380,16 @@ void RepairProtocol<G>::forget_served(double now_s) {
 
 // A block of each who asks, in turns.
 template <class G>
-void RepairProtocol<G>::answer(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out) {
+void RepairProtocol<G>::answer(const FactStore<G>& store, double now_s, Room room, std::vector<Payload<G>>& out) {
   allowance_ = std::min(std::max(1.0, params_.answers_per_s),
                         allowance_ + params_.answers_per_s * std::max(0.0, now_s - last_s_));
   auto it = askers_.upper_bound(served_last_);
-  for (std::size_t idle = 0; idle < askers_.size() && allowance_ >= 1.0; ++it) {
+  for (std::size_t idle = 0; room != Room::none && idle < askers_.size() && allowance_ >= 1.0; ++it) {
     if (it == askers_.end()) it = askers_.begin();
     idle = serve_block(store, it->second, now_s, out) ? 0 : idle + 1;
-    if (idle == 0) served_last_ = it->first;
+    if (idle > 0) continue;
+    served_last_ = it->first;
+    if (room == Room::one_block) room = Room::none;
   }
 }
 

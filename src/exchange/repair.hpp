@@ -38,6 +38,10 @@ struct RepairParams {
 /// Throws RangeError.
 void validate(const RepairParams& params);
 
+/// The same for a vehicle that may send so many bytes per second: a block of facts takes its time, and who is to be
+/// heard with it before others answer must be given that time. 0: no limit, nothing changes.
+RepairParams under_budget(RepairParams params, double bytes_per_s);
+
 struct RepairCounters {
   std::uint64_t requests_sent = 0;
   std::uint64_t requests_heard = 0;
@@ -49,6 +53,9 @@ struct RepairCounters {
   std::uint64_t answers_suppressed = 0;  ///< another vehicle was quicker
 };
 
+/// How many answers the network can take now.
+enum class Room : std::uint8_t { none, one_block, any };
+
 template <class G>
 class RepairProtocol {
  public:
@@ -58,15 +65,22 @@ class RepairProtocol {
   /// `sender` knows of these facts to exist.
   void on_digest(FactStore<G>& store, const ChainId& sender, const Digest& digest, double now_s);
   void on_request(const FactStore<G>& store, const ChainId& sender, const Request& request, double now_s);
+  /// A peer whose digests are known said something, whatever it was.
+  void on_heard(const ChainId& sender, double now_s);
   /// A fact that is held was seen on the wire: nobody needs our answer with it any more.
   void on_fact_seen(FactKind kind, const Key& key);
 
-  /// Messages due by `now_s`: requests for what is missing, answers to what was asked.
-  std::vector<Payload<G>> due(const FactStore<G>& store, double now_s);
+  /// Messages due by `now_s`: requests for what is missing, answers to what was asked. An answer that waits for a byte
+  /// budget can no longer be suppressed when another vehicle is quicker, so that no more is handed out than can be
+  /// sent.
+  std::vector<Payload<G>> due(const FactStore<G>& store, double now_s, Room room = Room::any);
 
   /// The marks to announce if a digest is due by `now_s`. None of them, if it would tell peers nothing: then the digest
   /// of the whole set says that this vehicle is there, and agrees.
   std::optional<std::vector<ChainMark>> digest_due(const FactStore<G>& store, double now_s);
+
+  /// All peers that are heard said last that they hold what is in the store.
+  bool all_agree(const FactStore<G>& store, double now_s) const;
 
   /// Facts known to exist and declared missing (RepairParams::lost_after_s). They go on being asked for, once a minute,
   /// in case somebody comes back who holds them.
@@ -118,7 +132,6 @@ class RepairProtocol {
   double relay_at(double now_s);
   void enqueue(VehicleId asker, const FactId& fact, double at_s, bool insist);
   bool serve_block(const FactStore<G>& store, Asker& asker, double now_s, std::vector<Payload<G>>& out);
-  bool all_agree(const FactStore<G>& store, double now_s) const;
   std::vector<ChainMark> marks_to_tell(const FactStore<G>& store);
   void put_off(const FactStore<G>& store, const Request& request, double now_s);
   void request_missing(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
@@ -126,7 +139,7 @@ class RepairProtocol {
                        std::vector<Payload<G>>& out);
   void request(const FactStore<G>& store, const SequenceId& sequence, Wanted& wanted, bool author_is_there,
                std::vector<Payload<G>>& out);
-  void answer(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
+  void answer(const FactStore<G>& store, double now_s, Room room, std::vector<Payload<G>>& out);
   void forget_served(double now_s);
 
   ChainId self_;

@@ -30,6 +30,8 @@ struct ExchangeCounters {
   std::uint64_t dropped = 0;             ///< lost on purpose by an impairment, or for want of room in the queue
   std::uint64_t incompatible_peers = 0;  ///< endpoints whose quality of service does not match ours: nothing passes
   std::uint64_t unauthorised = 0;        ///< peers and messages that the rules of a secured fleet refuse
+  /// Facts repeated for others that a byte budget holds back now; nothing: there is no budget.
+  std::optional<std::uint64_t> repeats_waiting;
 };
 
 /// An implementation serves two threads, one that sends and one that takes.

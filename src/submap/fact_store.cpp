@@ -329,7 +329,9 @@ void FactStore<G>::announce(const ChainId& id, FactKind kind, std::uint32_t high
 
 template <class G>
 void FactStore<G>::announce_own(const ChainId& author, FactKind kind, std::uint32_t high_water) {
-  Chain* const chain = rumoured(author, kind, high_water);
+  const auto known = chains_.find(author);
+  Chain* const nothing_of_it = known == chains_.end() || author == own_ ? nullptr : &known->second;
+  Chain* const chain = high_water > 0 ? rumoured(author, kind, high_water) : nothing_of_it;
   if (chain == nullptr) return;
   const auto k = static_cast<std::size_t>(kind);
   chain->proven[k] = std::max(chain->proven[k], high_water);

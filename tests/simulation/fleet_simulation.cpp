@@ -195,6 +195,7 @@ void Simulation::begin_life(Machine& machine) {
   machine.last_epoch = std::max(machine.last_epoch + 1, static_cast<Epoch>(clock_s * 1e6));
   SubmapManagerParams params;
   params.map_period_s = 5.0;
+  params.repair = under_budget(params.repair, machine.budget.bytes_per_s);
   params.seed = static_cast<std::uint64_t>(world_.random.integer(1, 1 << 30));
   auto link = std::make_unique<Link>(world_, machine.id, network_.join());
   auto paced = std::make_unique<PacedExchange<G>>(std::move(link), machine.budget);

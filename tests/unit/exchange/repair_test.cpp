@@ -569,6 +569,85 @@ TEST(Repair, WhoComesIsAskedWhatNobodyHad) {
   EXPECT_TRUE(asked);
 }
 
+TEST(Repair, AnAuthorTakesBackWhatOthersSayOfKindsItHasNoneOf) {
+  test::Store store;
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  const auto missing = [&] { return store.missing_count(); };
+  Digest author, liar;
+  author.marks = {{chain_of(1), FactKind::anchor, 1, 1, 0}};
+  liar.marks = {{chain_of(1), FactKind::encounter, 1000, 1000, 0}};
+  repair.on_digest(store, chain_of(1), author, 0.0);
+  repair.on_digest(store, chain_of(3), liar, 0.1);
+  EXPECT_EQ(missing(), 1001U);
+  Digest of_others;  // says nothing of its own chain
+  repair.on_digest(store, chain_of(1), of_others, 0.2);
+  EXPECT_EQ(missing(), 1001U);
+  repair.on_digest(store, chain_of(1), author, 0.3);
+  EXPECT_EQ(missing(), 1U);
+}
+
+TEST(Repair, NoMoreIsHandedOutThanThereIsRoomFor) {
+  test::Store store;
+  ASSERT_EQ(test::insert(store, test::anchor(1, 0)), Insertion::inserted);
+  for (std::uint32_t i = 0; i < 100; ++i) ASSERT_EQ(test::insert(store, test::landmark(1, i)), Insertion::inserted);
+  RepairProtocol<SE2> repair(chain_of(1), {}, 1);
+  const auto served = [&](double now_s, Room room) {
+    std::size_t landmarks = 0;
+    for (const auto& payload : repair.due(store, now_s, room))
+      if (const auto* batch = std::get_if<LandmarkBatch<SE2>>(&payload)) landmarks += batch->landmarks.size();
+    return landmarks;
+  };
+  ASSERT_EQ(served(0.0, Room::any), 0U);
+  repair.on_request(store, chain_of(2), {chain_of(1), FactKind::landmark, {{0, 100}}, 0}, 1.0);
+  EXPECT_EQ(served(2.0, Room::none), 0U);
+  EXPECT_EQ(served(3.0, Room::one_block), 32U);
+  repair.on_fact_seen(FactKind::landmark, key_of(1, 32));  // what still waits can be called off
+  EXPECT_EQ(served(4.0, Room::one_block), 31U);
+  EXPECT_EQ(served(5.0, Room::any), 36U);
+}
+
+TEST(Repair, WhatComesSlowlyIsNotAskedForInVain) {
+  test::Store store;
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  Digest digest;
+  digest.marks = {{chain_of(1), FactKind::landmark, 1000, 1000, 0}};
+  std::uint32_t next = 0;
+  int requests = 0;
+  for (double now_s = 0.0; now_s < 30.0; now_s += 0.1) {
+    repair.on_digest(store, chain_of(1), digest, now_s);
+    if (std::lround(now_s * 10) % 10 == 0) {
+      ASSERT_EQ(test::insert(store, test::landmark(1, next++)), Insertion::inserted);
+    }
+    for (const auto& payload : repair.due(store, now_s))
+      if (const auto* request = std::get_if<Request>(&payload); request && request->kind == FactKind::landmark) {
+        ++requests;
+        EXPECT_LT(request->in_vain, 3) << now_s;  // nobody answers whatever he hears
+      }
+  }
+  EXPECT_GT(requests, 5);
+}
+
+TEST(Repair, WhoeverSaysAnythingIsThere) {
+  test::Store store;
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  Digest digest;
+  digest.marks = {{chain_of(1), FactKind::landmark, 10, 10, 0}};
+  repair.on_digest(store, chain_of(1), digest, 0.0);
+  for (double now_s = 0.0; now_s < 200.0; now_s += 1.0) {
+    repair.on_heard(chain_of(1), now_s);
+    (void)repair.due(store, now_s);
+    ASSERT_EQ(repair.lost_count(), 0U) << now_s;
+  }
+  for (double now_s = 200.0; now_s < 300.0; now_s += 1.0) (void)repair.due(store, now_s);
+  EXPECT_EQ(repair.lost_count(), 10U);
+}
+
+TEST(Repair, ABudgetGivesABlockItsTime) {
+  EXPECT_EQ(under_budget({}, 0.0).relay_delay_s, RepairParams().relay_delay_s);
+  EXPECT_EQ(under_budget({}, 1e6).relay_delay_s, RepairParams().relay_delay_s);
+  EXPECT_NEAR(under_budget({}, 1000.0).relay_delay_s, 5.76, 1e-9);
+}
+
 TEST(Repair, WhoAsksForWhatWasNeverWrittenIsToldSo) {
   RepairParams params;
   params.digest_period_s = params.digest_idle_s = 100.0;
