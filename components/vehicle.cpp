@@ -51,7 +51,9 @@ void Vehicle<G>::configure() {
       folder ? folder->next_epoch(params_.fresh_epoch)
              : StateFolder::NextEpoch{std::max(params_.fresh_epoch(), last_epoch_ + 1), last_epoch_ == 0};
   last_epoch_ = epoch;
-  auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, params_.submaps, backend_);
+  SubmapManagerParams submaps = params_.submaps;
+  submaps.repair = under_budget(submaps.repair, params_.budget.bytes_per_s);
+  auto manager = std::make_unique<SubmapManager<G>>(ChainId{params_.id, epoch}, *exchange, submaps, backend_);
   std::unique_ptr<Journal<G>> journal;
   if (params_.journal) {
     const auto file = params_.state_folder / "facts.journal";
@@ -205,6 +207,7 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.selection_digest = manager_->digests().selection;
   s.facts_missing = manager_->facts_missing();
   s.facts_lost = manager_->facts_lost();
+  s.peers_agree = manager_->peers_agree();
   s.refused = manager_->refused();
   s.network = exchange_->worker_counters();
   s.settled = s.facts_missing == 0 && !manager_->busy() && s.network.outbox.facts_waiting == 0 && searches_left_ == 0 &&

@@ -64,6 +64,7 @@ struct VehicleSnapshot {
   bool settled = false;
   std::uint64_t facts_missing = 0;
   std::uint64_t facts_lost = 0;  ///< declared missing: nobody who is left has them
+  bool peers_agree = true;       ///< SubmapManager::peers_agree()
   bool refused = false;          ///< another process claims this vehicle's id and began earlier: nothing is sent
   std::uint64_t landmarks_known = 0;
   std::uint64_t landmarks_exported = 0;

@@ -144,7 +144,8 @@ class Demo {
     listen.profile_file = profile_.string();
     listen.interface_whitelist = {here};
     const auto ear = open_ear(listen);
-    return ear->wait_for_peers(1, discovery_s) ? ear->peers() : 0;
+    if (ear->wait_for_peers(1, discovery_s)) return ear->peers();
+    return ear->counters().incompatible_peers;  // those of another profile
   }
 
   static std::unique_ptr<dds::DdsExchange<G>> open_ear(const dds::DdsConfig& listen) {

@@ -11,6 +11,7 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
+#include <optional>
 #include <thread>
 
 #include "scenario/scenario.hpp"
@@ -23,9 +24,36 @@ namespace {
 
 volatile std::sig_atomic_t stop_requested = 0;
 
-double unix_now_s() {
-  return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
-}
+// Seconds since 1970 as of the start, and from there by a clock that nobody sets: time must not go back under a
+// vehicle.
+class UnixTime {
+ public:
+  double operator()() const {
+    const std::chrono::duration<double> began = began_.time_since_epoch(),
+                                        passed = std::chrono::steady_clock::now() - steady_;
+    return began.count() + passed.count();
+  }
+
+ private:
+  std::chrono::system_clock::time_point began_ = std::chrono::system_clock::now();
+  std::chrono::steady_clock::time_point steady_ = std::chrono::steady_clock::now();
+};
+
+// Who has settled stays until the others hold the same: they may lack what only this vehicle has. Not for ever: a peer
+// may refuse what this one takes.
+class FleetEnd {
+ public:
+  template <class G>
+  bool reached(const VehicleSnapshot<G>& snapshot, double wall_s) {
+    if (!snapshot.settled) return false;
+    if (!settled_s_) settled_s_ = wall_s;
+    return snapshot.peers_agree || wall_s >= *settled_s_ + patience_s;
+  }
+
+ private:
+  static constexpr double patience_s = 30.0;
+  std::optional<double> settled_s_;
+};
 
 // Replays a sensor log on the clock.
 template <class G>
@@ -106,6 +134,10 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (config.sensors.file.empty())
     throw ConfigError(config.file.string() +
                       ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
+  if (config.dds.profile_file.empty())
+    throw ConfigError(config.file.string() +
+                      ":1: no <dds profile=\"...\"/>; name how the vehicle is to speak, such as " +
+                      "qos_profiles/lan.xml");
   const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
@@ -113,8 +145,9 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (!options.impair.empty()) config.impairment = Impairments::parse(options.impair);
   if (!options.out.empty()) config.output_folder = options.out;
   const bool starts_now = config.sensors.start_unix_s == 0.0;
-  const double start_s = starts_now ? unix_now_s() : config.sensors.start_unix_s;
-  const auto clock = [&] { return (unix_now_s() - start_s) * config.sensors.rate; };
+  const UnixTime unix_time;
+  const double start_s = starts_now ? unix_time() : config.sensors.start_unix_s;
+  const auto clock = [&] { return (unix_time() - start_s) * config.sensors.rate; };
   if (!starts_now && clock() > events.back().t_s)
     throw ConfigError(config.file.string() +
                       ": the sensor log ended before this start (start_unix_s lies in the past); " +
@@ -154,7 +187,11 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
 
   LogReplay<G> replay(events, config, starts_now ? events.front().t_s : clock());
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
-  while (!stop_requested && !refused && !(options.until_end && replay.exhausted() && vehicle.snapshot().settled)) {
+  FleetEnd fleet_end;
+  const auto at_the_end = [&] {
+    return options.until_end && replay.exhausted() && fleet_end.reached(vehicle.snapshot(), unix_time());
+  };
+  while (!stop_requested && !refused && !at_the_end()) {
     const double now_s = clock();
     replay.feed_until(now_s, vehicle, slam);
     if (now_s >= next_row_s && !replay.exhausted()) {
@@ -162,7 +199,7 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
       vehicle.inspect([&](auto& manager, auto&) { output.write_live(now_s, snapshot, manager); });
       next_row_s += 1.0 * std::max(1.0, std::ceil(now_s - next_row_s));
     }
-    if (const double wall_s = unix_now_s(); wall_s >= next_status_s) {
+    if (const double wall_s = unix_time(); wall_s >= next_status_s) {
       const auto snapshot = vehicle.snapshot();
       print_status(now_s, replay.exhausted(), snapshot);
       warn_once(snapshot, wall_s);
@@ -180,11 +217,15 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   });
   print_status(end_s, replay.exhausted(), snapshot);
   vehicle.shutdown();
+  if (snapshot.facts_lost > 0)
+    spdlog::warn("{} facts are missing here (facts_lost): nobody who is left has them, or they were still on their way",
+                 snapshot.facts_lost);
   if (refused)
-    throw ConfigError(config.file.string() + ": vehicle " + std::to_string(config.vehicle.id) +
-                      " runs already in another process on domain " + std::to_string(config.dds.domain) +
-                      ", which began earlier; this one was refused, and nothing it stated is lost here. Stop the other "
-                      "one, or give this one an id or a domain of its own");
+    throw ConfigError(
+        config.file.string() + ": vehicle " + std::to_string(config.vehicle.id) +
+        " runs already in another process on domain " + std::to_string(config.dds.domain) +
+        ", which began earlier (its epoch is lower, or the same); this one was refused, and nothing it stated "
+        "is lost here. Stop the other one, or give this one an id or a domain of its own");
   spdlog::info("stopped; map {} with {} landmarks known", hex(snapshot.map_digest), snapshot.landmarks_known);
   return 0;
 }

@@ -16,7 +16,7 @@ namespace convoy::cli {
 /// facts_missing: known to exist, and asked for; facts_lost: declared missing, since nobody who is left has them
 /// facts_waiting: not sent yet, for want of a budget or of a network that takes them
 /// network_reopened: times the watchdog opened the network anew
-/// refused: another process claims this vehicle's id and began earlier; nothing is sent any more
+/// refused: another process claims this vehicle's id and began earlier (its epoch is not later); nothing is sent any more
 /// associations_accepted, bytes_sent (since the start, with all headers), requests_sent
 /// settled: nothing is missing, waiting or to be searched, and the map holds every fact
 /// facts_digest, map_digest: equal on vehicles that hold the same

@@ -154,6 +154,16 @@ void VehicleWarnings<G>::look_at_clocks(const VehicleSnapshot<G>& s) {
                               ". Maps do not mind, but encounters with it need stamps of one clock (run NTP or PTP)");
 }
 
+// Discovery alone may take more than the budget, for seconds: no reason to speak.
+template <class G>
+void VehicleWarnings<G>::look_at_debts(std::uint64_t in_debt, double wall_s) {
+  if (debts_looked_s_ && wall_s < *debts_looked_s_ + debts_window_s) return;
+  const bool first = !debts_looked_s_ || debts_before_ == none_yet;
+  debts_grow_ = !first && in_debt - debts_before_ >= many_in_debt;
+  debts_before_ = debts_looked_s_ ? in_debt : none_yet;
+  debts_looked_s_ = wall_s;
+}
+
 template <class G>
 std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double wall_s) {
   notices_.clear();
@@ -178,8 +188,9 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
     say(Level::error, "something has failed in a thread of this vehicle (" + std::to_string(s.failures.count) +
                           " times by now), which went on: " + s.failures.last_error);
   failures_ = s.failures.count;
+  look_at_debts(s.network.outbox.in_debt, wall_s);
   say_while(
-      s.network.outbox.in_debt >= many_in_debt, in_debt_, Level::warning,
+      debts_grow_, in_debt_, Level::warning,
       "what the network spends by itself (discovery, heartbeats) takes the whole byte budget: messages get a tenth "
       "of it; give <budget bytes_per_s> more");
   say_while(s.network.outbox.unfit > 0, unfit_, Level::error,

@@ -58,6 +58,7 @@ class VehicleWarnings {
   void say_while(bool holds, bool& said, Notice::Level level, const std::string& text);
   void look_at_peers(const VehicleSnapshot<G>& snapshot, double wall_s);
   void look_at_roster(const VehicleSnapshot<G>& snapshot, double wall_s);
+  void look_at_debts(std::uint64_t in_debt, double wall_s);
   void look_at_clocks(const VehicleSnapshot<G>& snapshot);
   std::string how_to_be_heard() const;
 
@@ -68,10 +69,13 @@ class VehicleWarnings {
   std::optional<double> alone_since_s_;
   std::map<VehicleId, Heard> heard_;  // of the roster
   std::set<VehicleId> clocks_;
-  static constexpr std::uint64_t many_in_debt = 20;
+  static constexpr std::uint64_t many_in_debt = 20, none_yet = ~std::uint64_t{0};
+  static constexpr double debts_window_s = 30.0;
+  std::optional<double> debts_looked_s_;
+  std::uint64_t debts_before_ = none_yet;
   std::uint64_t reopened_ = 0, quarantines_ = 0, failures_ = 0;
-  bool alone_ = false, strangers_ = false, reopening_failed_ = false, journal_waits_ = false, incompatible_ = false,
-       unauthorised_ = false, unfit_ = false, in_debt_ = false;
+  bool debts_grow_ = false, alone_ = false, strangers_ = false, reopening_failed_ = false, journal_waits_ = false,
+       incompatible_ = false, unauthorised_ = false, unfit_ = false, in_debt_ = false;
 };
 
 }  // namespace convoy::cli

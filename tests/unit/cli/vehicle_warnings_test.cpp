@@ -111,6 +111,22 @@ TEST(VehicleWarnings, WhoFloodsTheNetworkIsNamedEachTime) {
   }
 }
 
+TEST(VehicleWarnings, ABudgetThatDiscoveryTakesForAWhileIsNoneToSpeakOf) {
+  VehicleWarnings<SE2> warnings(some_config(), true);
+  VehicleSnapshot<SE2> snapshot = with_peers(1);
+  const auto said = [&](std::uint64_t in_debt, double wall_s) {
+    snapshot.network.outbox.in_debt = in_debt;
+    return text_of(warnings.look(snapshot, wall_s));
+  };
+  EXPECT_EQ(said(0, 0.0), "");
+  EXPECT_EQ(said(100, 3.0), "");
+  EXPECT_EQ(said(100, 30.0), "");
+  EXPECT_EQ(said(110, 60.0), "");
+  EXPECT_EQ(said(140, 89.0), "");
+  EXPECT_THAT(said(140, 90.0), HasSubstr("takes the whole byte budget"));
+  EXPECT_EQ(said(200, 120.0), "");
+}
+
 TEST(VehicleWarnings, ClocksAreComparedWhereTheyAreReal) {
   VehicleSnapshot<SE2> snapshot = with_peers(2);
   hear(snapshot, 2, 1.0, 3.0);
