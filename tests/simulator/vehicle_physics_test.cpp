@@ -3,7 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 #include <cstring>
+#include <filesystem>
+#include <iostream>
 #include <limits>
 #include <stdexcept>
 #include <string>
@@ -319,6 +323,31 @@ TEST(VehiclePhysics, SameInputsSameStatesWhoeverElseDrives) {
     EXPECT_EQ(hash_of(moved.state()), hash_of(alone.state()));
     RecordProperty("hash", std::to_string(hash));
   }
+}
+
+std::uint64_t hash_of_a_drive() {
+  Slope uneven;
+  uneven.waves_m = 0.02;
+  VehiclePhysics vehicle({}, uneven, 7.0, 0.0, 0.1);
+  return drive(vehicle, 3000);
+}
+
+// The process that it starts runs this test again, and only tells its hash.
+TEST(VehiclePhysics, SameStatesInAnotherProcess) {
+  const std::string hash = "hash " + std::to_string(hash_of_a_drive()) + "\n";
+  if (std::getenv("CONVOY_TELL_HASH")) {
+    std::cout << hash;
+    return;
+  }
+  const std::string self = std::filesystem::read_symlink("/proc/self/exe");
+  const std::string command =
+      "CONVOY_TELL_HASH=1 \"" + self + "\" --gtest_filter=VehiclePhysics.SameStatesInAnotherProcess";
+  FILE* pipe = popen(command.c_str(), "r");
+  ASSERT_NE(pipe, nullptr);
+  std::string output;
+  for (int c = std::fgetc(pipe); c != EOF; c = std::fgetc(pipe)) output += static_cast<char>(c);
+  EXPECT_EQ(pclose(pipe), 0);
+  EXPECT_NE(output.find(hash), std::string::npos) << output;
 }
 
 // Far from the origin nothing is lost that matters: Bullet's numbers are of double precision.
