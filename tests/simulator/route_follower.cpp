@@ -99,7 +99,7 @@ RouteFollower::Halt RouteFollower::next_halt() const {
     consider(HaltKind::Stop, line_.way_of_abscissa_m(start_abscissa_m_ + params_.stops[stops_done_].at_m));
   for (double corner : corners_m_) {
     if (line_.closed()) corner += lap * std::ceil((corner_done_way_m_ + 1e-6 - corner) / lap);
-    if (corner > corner_done_way_m_) consider(HaltKind::Corner, corner);
+    if (corner > corner_done_way_m_) consider(HaltKind::TurnOnSpot, corner);
   }
   return next;
 }
@@ -113,7 +113,7 @@ double RouteFollower::wanted_at_mps(double way_m, const Halt& halt) const {
 
 // A robot drives straight up to a corner, and a vehicle to its end.
 Eigen::Vector2d RouteFollower::aim(double way_m, const Halt& halt) const {
-  const bool straight_on = halt.kind == HaltKind::Corner || halt.kind == HaltKind::End;
+  const bool straight_on = halt.kind == HaltKind::TurnOnSpot || halt.kind == HaltKind::End;
   if (!straight_on || way_m < halt.way_m) return line_.point(way_m);
   const double heading = line_.heading_rad(halt.way_m - 1e-3);
   return line_.point(halt.way_m) + (way_m - halt.way_m) * Eigen::Vector2d(std::cos(heading), std::sin(heading));
@@ -152,7 +152,7 @@ DriveCommand RouteFollower::stand_at(const Halt& halt, const VehicleState& state
     waiting_ = true;
     done = state.time_s - halted_since_s_ >= params_.stops[stops_done_].wait_s;
     if (done) ++stops_done_, waiting_ = false;
-  } else if (halt.kind == HaltKind::Corner) {
+  } else if (halt.kind == HaltKind::TurnOnSpot) {
     const double missing = wrapped_rad(line_.heading_rad(halt.way_m + 1e-3) - state.yaw_rad());
     command.yaw_rate_radps = std::clamp(3.0 * missing, -1.0, 1.0);
     done = std::abs(missing) < 0.02;

@@ -52,7 +52,7 @@ class RouteFollower {
   bool finished() const { return finished_; }  ///< at the end of the route, standing
 
  private:
-  enum class HaltKind { None, Stop, Corner, End };
+  enum class HaltKind { None, Stop, TurnOnSpot, End };
   struct Halt {
     HaltKind kind = HaltKind::None;
     double way_m = 0.0;

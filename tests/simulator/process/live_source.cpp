@@ -1,0 +1,214 @@
+#include "live_source.hpp"
+
+#include "district.hpp"
+#include "gps.hpp"
+#include "odometer.hpp"
+#include "route_follower.hpp"
+#include "sensor_samples.hpp"
+#include "sim_error.hpp"
+#include "vehicle_physics.hpp"
+
+#include <algorithm>
+#include <optional>
+
+namespace convoy::simulator {
+namespace {
+
+constexpr int physics_steps = 24;  // in a step of 0.1 s
+
+World make_world(const SimOptions& options) {
+  try {
+    if (options.world == "district") return make_district(options.seed);
+  } catch (const std::runtime_error& error) {
+    throw SetUpError(error.what());
+  }
+  throw SetUpError("no world " + options.world);
+}
+
+const Route& find_route(const World& world, const std::string& name) {
+  if (world.routes.empty()) throw SetUpError("the world has no route to drive along");
+  if (name.empty()) return world.routes.front();
+  std::string known;
+  for (const Route& route : world.routes) {
+    if (route.name == name) return route;
+    known += (known.empty() ? "" : ", ") + route.name;
+  }
+  throw SetUpError("no route '" + name + "'; there are: " + known);
+}
+
+TruthData truth_of(const VehicleState& state) {
+  TruthData truth;
+  truth.T_world_body = numbers_of(state.T_world_body);
+  Eigen::Map<Eigen::Vector3d>(truth.velocity_world.data()) = state.velocity_world_mps;
+  Eigen::Map<Eigen::Vector3d>(truth.turn_body.data()) = state.turn_body_radps;
+  return truth;
+}
+
+OdometryData data_of(const OdometerReading& r) {
+  return {r.frame,      r.stamp_s,   r.left_ticks,
+          r.right_ticks, r.distance_m, r.speed_mps,
+          r.wheels_yaw_rate_radps, r.gyro_yaw_rate_radps, r.sigma_distance_m,
+          r.sigma_wheels_yaw_rate_radps, r.sigma_gyro_yaw_rate_radps};
+}
+
+std::array<double, 6> packed(const Eigen::Matrix3d& m) { return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)}; }
+
+std::array<double, 3> numbers_of(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
+
+GpsData data_of(const GpsReading& r, GpsKind kind, const Eigen::Vector3d& antenna) {
+  GpsData data;
+  data.reading = r.frame;
+  data.stamp_s = r.stamp_s;
+  data.kind = kind;
+  data.fix = r.fix;
+  data.antenna_body = numbers_of(antenna);
+  data.position = numbers_of(r.antenna_world_m);
+  data.covariance = packed(r.covariance_m2);
+  data.drift_covariance = packed(r.drift_covariance_m2);
+  data.correlation_s = r.correlation_s;
+  return data;
+}
+
+/// A vehicle with its driver and its sensors.
+struct Driven {
+  Driven(const SimOptions& options, const World& world, const Route& route, std::uint32_t vehicle_number)
+      : number(vehicle_number), follower(route, follower_params(options, vehicle_number), params),
+        start(follower.start(options.gap_m * (options.vehicles - static_cast<double>(vehicle_number)))),
+        physics(params, *world.ground, start.x_m, start.y_m, start.yaw_rad),
+        odometer(OdometerParams(), params, options.seed, vehicle_number) {
+    if (options.gps != "none") {
+      gps_params = options.gps == "rtk" ? rtk_gps() : standard_gps();
+      gps_kind = options.gps == "rtk" ? GpsKind::rtk : GpsKind::standard;
+      gps.emplace(gps_params, options.seed, vehicle_number);
+    }
+  }
+
+  static RouteFollowerParams follower_params(const SimOptions& options, std::uint32_t number) {
+    RouteFollowerParams follower;
+    follower.speed_mps = options.speed_mps;
+    if (!options.offset_m.empty())
+      follower.offset_m = options.offset_m[std::min<std::size_t>(number, options.offset_m.size()) - 1];
+    return follower;
+  }
+
+  void sense(VehicleStep& step) {
+    if (const auto reading = odometer.step(physics.state())) step.odometry.push_back(data_of(*reading));
+    if (!gps) return;
+    if (const auto reading = gps->step(physics.state()))
+      step.gps.push_back(data_of(*reading, gps_kind, gps_params.antenna_body_m));
+  }
+
+  /// Drives for one step of the camera.
+  VehicleStep drive() {
+    VehicleStep step;
+    step.vehicle = number;
+    if (physics.state().step == 0) sense(step);  // it stands
+    for (int i = 0; i < physics_steps; ++i) {
+      physics.step(follower.step(physics.state()));
+      sense(step);
+    }
+    step.truth = truth_of(physics.state());
+    return step;
+  }
+
+  std::uint32_t number;
+  VehicleParams params;
+  RouteFollower follower;
+  RouteFollower::Start start;
+  VehiclePhysics physics;
+  Odometer odometer;
+  GpsParams gps_params;
+  GpsKind gps_kind = GpsKind::standard;
+  std::optional<Gps> gps;
+};
+
+}  // namespace
+
+struct LiveSource::Impl {
+  explicit Impl(const SimOptions& sim_options)
+      : options(sim_options), world(make_world(options)), route(find_route(world, options.route)) {
+    const RouteLine line(route, 0.0);
+    const double rear_m = options.gap_m * (options.vehicles - 1);
+    if (!line.closed() && rear_m >= line.length_m())
+      throw SetUpError("the " + std::to_string(options.vehicles) + " vehicles are further apart than route '" +
+                       route.name + "' is long");
+    distance_m = options.distance_m.value_or(options.duration_s ? 1e9 : line.length_m());
+    for (int number = 1; number <= options.vehicles; ++number) {
+      driven.push_back(std::make_unique<Driven>(options, world, route, static_cast<std::uint32_t>(number)));
+      CameraData camera;
+      camera.width = options.width;
+      camera.height = options.height;
+      camera.fx = camera.fy = 0.8 * options.width;
+      camera.cx = 0.5 * (options.width - 1);
+      camera.cy = 0.5 * (options.height - 1);
+      vehicles.push_back({static_cast<std::uint32_t>(number), camera});
+    }
+  }
+
+  StepData next() {
+    StepData step;
+    step.step = ++done;
+    for (const auto& vehicle : driven) step.vehicles.push_back(vehicle->drive());
+    for (std::size_t i = 0; i < driven.size(); ++i) step.vehicles[i].frames.push_back(picture(i));
+    step.time_s = driven.front()->physics.state().time_s;
+    step.last = ends(step.time_s);
+    return step;
+  }
+
+  bool ends(double time_s) const {
+    if (options.duration_s && time_s > *options.duration_s - 1e-6) return true;
+    if (driven.front()->follower.driven_m() >= distance_m) return true;
+    return std::all_of(driven.begin(), driven.end(), [](const auto& v) { return v->follower.finished(); });
+  }
+
+  FrameData picture(std::size_t i) {
+    FrameData frame;
+    frame.frame = done - 1;
+    frame.stamp_s = driven[i]->physics.state().time_s;
+    frame.width = options.width;
+    frame.height = options.height;
+    Stream stream({options.seed, driven[i]->number, 99, done});
+    frame.grey.resize(static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height));
+    for (auto& grey : frame.grey) grey = static_cast<std::uint8_t>(stream.below(256));
+    return frame;
+  }
+
+  const SimOptions options;
+  World world;
+  const Route& route;
+  double distance_m = 0.0;
+  std::vector<std::unique_ptr<Driven>> driven;
+  std::vector<SourceVehicle> vehicles;
+  std::uint32_t done = 0;
+};
+
+LiveSource::LiveSource(const SimOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+LiveSource::~LiveSource() = default;
+
+const std::vector<SourceVehicle>& LiveSource::vehicles() const { return impl_->vehicles; }
+StepData LiveSource::next() { return impl_->next(); }
+double LiveSource::step_s() const { return physics_steps / VehiclePhysics::rate_hz; }
+std::string LiveSource::attribution() const { return impl_->world.attribution; }
+
+double LiveSource::duration_s() const {
+  const double way_s = impl_->distance_m / impl_->options.speed_mps;
+  return std::min(way_s, impl_->options.duration_s.value_or(way_s));
+}
+
+std::vector<LiveSource::RouteNote> LiveSource::routes() const {
+  std::vector<RouteNote> notes;
+  for (const Route& route : impl_->world.routes) {
+    const RouteLine line(route, 0.0);
+    notes.push_back({route.name, line.route_length_m(), line.closed()});
+  }
+  return notes;
+}
+
+FrameData LiveSource::snapshot() {
+  StepData step;
+  do step = impl_->next();
+  while (!step.last && impl_->options.duration_s);
+  return step.vehicles.front().frames.front();
+}
+
+}  // namespace convoy::simulator
