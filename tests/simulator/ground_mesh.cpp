@@ -122,7 +122,7 @@ void GroundMesh::add_land_around(SceneBuilder& scene, TextureId texture) const {
   const Eigen::Vector2d size = ((terrain_.high() - low) / raster_m).array().ceil() * raster_m;
   const std::array<double, 4> xs{low.x() - reach_m, low.x(), low.x() + size.x(), low.x() + size.x() + reach_m};
   const std::array<double, 4> ys{low.y() - reach_m, low.y(), low.y() + size.y(), low.y() + size.y() + reach_m};
-  const float z = Terrain::kerb_m;
+  const double z = Terrain::kerb_m;
   for (std::size_t i = 0; i < 9; ++i) {
     if (i == 4) continue;
     const double x0 = xs[i % 3], x1 = xs[i % 3 + 1], y0 = ys[i / 3], y1 = ys[i / 3 + 1];
