@@ -3,6 +3,7 @@
 #include "district.hpp"
 #include "gps.hpp"
 #include "odometer.hpp"
+#include "osm_world.hpp"
 #include "route_follower.hpp"
 #include "sensor_samples.hpp"
 #include "sim_error.hpp"
@@ -19,10 +20,12 @@ constexpr int physics_steps = 24;  // in a step of 0.1 s
 World make_world(const SimOptions& options) {
   try {
     if (options.world == "district") return make_district(options.seed);
+    OsmParams params;
+    params.seed = options.seed;
+    return load_osm(options.world, params);
   } catch (const std::runtime_error& error) {
     throw SetUpError(error.what());
   }
-  throw SetUpError("no world " + options.world);
 }
 
 const Route& find_route(const World& world, const std::string& name) {

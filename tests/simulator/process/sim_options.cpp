@@ -60,10 +60,9 @@ void add_topics(CLI::App& app, SimOptions& options) {
       ->check(CLI::Range(0, 232));
   app.add_option("--domain-truth", options.truth_domain, "DDS domain of the truth, 0..232 (default: 11)")
       ->check(CLI::Range(0, 232));
-  auto* lock_step = app.add_flag("--lock-step", options.lock_step, "each step waits until all vehicles have done it");
+  app.add_flag("--lock-step", options.lock_step, "each step waits until all vehicles have done it");
   app.add_option("--rate", options.rate, "simulated seconds per second, 0.01 to 1000 (default: 1)")
-      ->check(CLI::Range(0.01, 1000.0))
-      ->excludes(lock_step);
+      ->check(CLI::Range(0.01, 1000.0));
   app.add_option("--wait-for", options.wait_for,
                  "the first so many vehicles, before the first step (default: in lock-step all, else none)")
       ->check(CLI::Range(0, 100));
@@ -72,11 +71,17 @@ void add_topics(CLI::App& app, SimOptions& options) {
 }
 
 /// What is wrong with options that are right each by itself.
-std::string fault_of(const SimOptions& options) {
+std::string fault_of(const SimOptions& options, const CLI::App& app) {
   if (options.sensor_domain == options.truth_domain)
     return "--domain-sensors and --domain-truth are the same; the truth is not for the vehicles";
   if (!options.replay.empty() && !options.record.empty()) return "--record and --replay exclude each other";
-  if (!options.replay.empty() && options.depth) return "--truth-depth: a recording has none";
+  if (options.lock_step && app.count("--rate") > 0)
+    return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";
+  if (options.replay.empty()) return {};
+  for (const char* of_world : {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap",
+                               "--offset", "--speed", "--duration", "--distance", "--camera", "--gps", "--truth-depth",
+                               "--snapshot"})
+    if (app.count(of_world) > 0) return std::string(of_world) + ": a recording is as it was; take it out";
   return {};
 }
 
@@ -95,12 +100,8 @@ ParsedOptions parse_options(int argc, char** argv) {
   app.add_flag("--truth-depth", options.depth, "the truth tells the distance of each pixel, too");
   add_topics(app, options);
   app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed");
-  auto* replay = app.add_option("--replay", options.replay, "publish a recording instead of a world");
-  for (const char* of_world : {"--world", "--route", "--traffic", "--list-routes", "--vehicles", "--gap", "--offset",
-                               "--speed", "--duration", "--distance", "--camera", "--gps", "--seed"})
-    replay->excludes(app.get_option(of_world));
-  app.add_option("--snapshot", options.snapshot, "write what vehicle 1 sees at the end as a PNG file; speaks to nobody")
-      ->excludes(replay);
+  app.add_option("--replay", options.replay, "publish a recording instead of a world");
+  app.add_option("--snapshot", options.snapshot, "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -108,7 +109,7 @@ ParsedOptions parse_options(int argc, char** argv) {
     return parsed;
   }
   if (!size.empty()) read_size(size, options.width, options.height);
-  if (const std::string fault = fault_of(options); !fault.empty()) {
+  if (const std::string fault = fault_of(options, app); !fault.empty()) {
     std::fprintf(stderr, "convoy sim: %s\n", fault.c_str());
     parsed.exit_status = 2;
   }

@@ -1,0 +1,137 @@
+// The simulator and vehicles as processes of their own, over sockets.
+#include <gtest/gtest.h>
+
+#include <signal.h>
+
+#include <chrono>
+#include <memory>
+#include <thread>
+
+#include "processes.hpp"
+
+namespace convoy::simulator::testing {
+namespace {
+
+using std::chrono::steady_clock;
+
+constexpr auto small = " --camera 64x48 --gps rtk --duration 2 --lock-step";
+
+/// A run with vehicles, and what each of them says.
+struct Fleet {
+  Fleet(const std::string& sim_arguments, const std::vector<std::string>& vehicle_arguments) {
+    sim = std::make_unique<Process>(sim_command(sim_arguments + domains_of_this_test()), scratch / "sim");
+    for (std::size_t i = 0; i < vehicle_arguments.size(); ++i)
+      vehicles.push_back(std::make_unique<Process>(
+          vehicle_command("--domain " + std::to_string(domain_of_this_test()) + " --vehicle " + std::to_string(i + 1) +
+                          " " + vehicle_arguments[i]),
+          scratch / ("vehicle_" + std::to_string(i + 1))));
+  }
+  void expect_success() {
+    EXPECT_EQ(sim->wait(), 0) << sim->output();
+    for (const auto& vehicle : vehicles) EXPECT_EQ(vehicle->wait(), 0) << vehicle->output() << sim->output();
+  }
+  std::string said(std::size_t vehicle) const { return vehicles.at(vehicle - 1)->output(); }
+
+  ScratchFolder scratch;
+  std::unique_ptr<Process> sim;
+  std::vector<std::unique_ptr<Process>> vehicles;
+};
+
+std::size_t steps_of(const std::string& said) {
+  std::size_t count = 0;
+  for (const std::string& line : lines_of(said)) count += line.rfind("step ", 0) == 0;
+  return count;
+}
+
+TEST(LockStep, IsTheSameFromOneProcessToTheNextHoweverSlowTheVehicles) {
+  Fleet first(std::string("--vehicles 2 --seed 7") + small, {"", ""});
+  first.expect_success();
+  EXPECT_EQ(steps_of(first.said(1)), 20U) << first.said(1);
+  EXPECT_NE(first.said(1), first.said(2));
+  EXPECT_NE(first.said(1).find("frame 0"), std::string::npos);
+  EXPECT_NE(first.said(1).find("camera 64x48"), std::string::npos);
+
+  Fleet again(std::string("--vehicles 2 --seed 7") + small, {"--delay-ms 40", "--delay-ms 3"});
+  again.expect_success();
+  EXPECT_EQ(first.said(1), again.said(1));
+  EXPECT_EQ(first.said(2), again.said(2));
+  EXPECT_EQ(first.sim->output(), again.sim->output());
+
+  Fleet other(std::string("--vehicles 2 --seed 8") + small, {"", ""});
+  other.expect_success();
+  EXPECT_NE(first.said(1), other.said(1));
+}
+
+TEST(LockStep, NamesTheVehicleThatDoesNotAnswer) {
+  Fleet fleet(std::string("--vehicles 2 --deadline 1.5") + small, {"", "--silent-from 3"});
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("vehicle 2 did not answer step 3 within 1.5 s"), std::string::npos)
+      << fleet.sim->output();
+  EXPECT_EQ(steps_of(fleet.said(1)), 3U);
+}
+
+TEST(LockStep, NamesTheVehicleThatDoesNotAppear) {
+  Fleet fleet(std::string("--vehicles 3 --wait-for 3 --deadline 2") + small, {"", ""});
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("vehicle 3 did not appear on domain"), std::string::npos) << fleet.sim->output();
+  EXPECT_EQ(steps_of(fleet.said(1)), 0U);
+}
+
+TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
+  Fleet fleet(std::string("--vehicles 2 --wait-for 1") + small, {""});
+  fleet.expect_success();
+  EXPECT_EQ(steps_of(fleet.said(1)), 20U);
+}
+
+TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
+  Fleet fleet(std::string("--deadline 2") + small, {"--garbage 1"});
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("vehicle 1 did not appear"), std::string::npos) << fleet.sim->output();
+}
+
+TEST(WallClock, KeepsToTheRate) {
+  const auto start = steady_clock::now();
+  Fleet fleet("--camera 64x48 --duration 3 --rate 2 --wait-for 1", {""});
+  fleet.expect_success();
+  EXPECT_GE(steady_clock::now() - start, std::chrono::milliseconds(1500));
+  EXPECT_EQ(steps_of(fleet.said(1)), 30U);
+}
+
+TEST(Recording, ReplayedIsWhatItWas) {
+  const ScratchFolder scratch;
+  const std::string folder = (scratch / "recording").string();
+  Fleet live("--vehicles 2 --offset 0,2 --record " + folder + small, {"", ""});
+  live.expect_success();
+  // What went over the wire is what was recorded.
+  const std::vector<std::string> rows = lines_of(read_text(scratch / "recording/vehicle_2/frames.csv"));
+  ASSERT_EQ(rows.size(), 21U);
+  for (std::size_t i = 1; i < rows.size(); ++i)
+    EXPECT_NE(live.said(2).find(rows[i].substr(rows[i].rfind(',') + 1)), std::string::npos) << rows[i];
+
+  Fleet replay("--lock-step --replay " + folder, {"", "--delay-ms 10"});
+  replay.expect_success();
+  EXPECT_EQ(live.said(1), replay.said(1));
+  EXPECT_EQ(live.said(2), replay.said(2));
+  const auto tail = [](const std::string& text) { return text.substr(text.find("vehicle 1:")); };
+  EXPECT_EQ(tail(live.sim->output()), tail(replay.sim->output()));
+}
+
+TEST(Recording, EndsWithARunThatIsEnded) {
+  const ScratchFolder scratch;
+  const std::string folder = (scratch / "recording").string();
+  Fleet live("--record " + folder + " --camera 64x48 --duration 1000 --rate 5", {});
+  const auto rows = [&] { return lines_of(read_text(scratch / "recording/vehicle_1/truth.csv")).size(); };
+  for (const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+       rows() < 4 && steady_clock::now() < deadline;)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  live.sim->send(SIGTERM);
+  EXPECT_EQ(live.sim->wait(), 0) << live.sim->output();
+  const std::size_t steps = rows() - 1;
+  EXPECT_GE(steps, 3U);
+  Fleet replay("--lock-step --replay " + folder, {""});
+  replay.expect_success();
+  EXPECT_EQ(steps_of(replay.said(1)), steps);
+}
+
+}  // namespace
+}  // namespace convoy::simulator::testing
