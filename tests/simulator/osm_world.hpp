@@ -21,7 +21,7 @@ struct OsmReport {
   int outlines_refused = 0;      ///< not closed, crossing themselves, or next to nothing
   int buildings_in_streets = 0;  ///< left out, since a street leads through them
   int tags_not_understood = 0;   ///< heights and levels that are no numbers
-  bool against_oneway = false;   ///< no loop keeps to the one-way streets
+  bool against_oneway = false;   ///< the loop leads against one-way streets
 };
 
 /// Routes: "loop" (closed), "loop_beside" (2 m to its right), "loop_opposite"; with `along` the first is "along".
