@@ -170,8 +170,8 @@ void fit_between(const std::vector<Footprint>& footprints, std::vector<Street>& 
   }
 }
 
-/// How much of a way has houses to its left and right, times its length.
-double lined_length_m(const NearLines& walls, const Polyline& line) {
+/// Long, round a block rather than to and fro, with houses to its left and right.
+double score_of(const NearLines& walls, const Polyline& line) {
   const Polyline points = resampled(line, 8.0, true);
   double lined = 0.0;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -179,7 +179,9 @@ double lined_length_m(const NearLines& walls, const Polyline& line) {
     for (const double side : {-9.0, 9.0})
       lined += walls.distance_m(points[i] + side * Eigen::Vector2d(ahead.y(), -ahead.x())) < 7.0;
   }
-  return length_m(line, true) * (0.25 + lined / (2.0 * static_cast<double>(points.size())));
+  const double length = length_m(line, true), share = lined / (2.0 * static_cast<double>(points.size()));
+  const double round = std::min(1.0, 16.0 * std::abs(signed_area_m2(line)) / (length * length));
+  return length * (0.1 + share) * (0.3 + 0.7 * round);
 }
 
 /// The lane: right of the middle where there is oncoming traffic.
@@ -224,7 +226,7 @@ Polyline find_loop(const std::string& file, const Network& network, const Street
   const StreetNetwork roads(plan.streets);
   NearLines walls(12.0);
   for (const Footprint& footprint : plan.footprints) walls.add(footprint.corners, true);
-  const auto score = [&](const Polyline& line) { return lined_length_m(walls, line); };
+  const auto score = [&](const Polyline& line) { return score_of(walls, line); };
   Polyline best;
   double best_score = 0.0;
   for (const bool keep_oneway : {true, false}) {

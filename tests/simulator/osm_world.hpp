@@ -7,7 +7,7 @@
 namespace convoy::simulator {
 
 struct OsmParams {
-  double shortest_loop_m = 300.0, longest_loop_m = 650.0;  ///< of the route that is looked for
+  double shortest_loop_m = 400.0, longest_loop_m = 650.0;  ///< of the route that is looked for
   std::vector<std::int64_t> along;  ///< nodes of the map to drive along instead; the first again at the end: closed
   double reach_m = 250.0;           ///< what is farther from every route is left out; >= 50
   std::uint32_t seed = 1;           ///< of everything the map does not say
