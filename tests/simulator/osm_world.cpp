@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <stdexcept>
+#include <utility>
 
 namespace convoy::simulator {
 namespace {
@@ -77,7 +78,7 @@ struct Network {
   std::vector<GraphEdge> edges;
 };
 
-Network network_of(const OsmMap& map) {
+Network network_of(const OsmMap& map, const std::vector<std::int64_t>& keep) {
   struct Part {
     std::vector<std::int64_t> nodes;
     const Kind* kind;
@@ -107,6 +108,7 @@ Network network_of(const OsmMap& map) {
     for (const std::int64_t node : way.nodes) ++uses[node];
     ++uses[way.nodes.front()], ++uses[way.nodes.back()];  // ends count twice, to be cut at
   }
+  for (const std::int64_t node : keep) uses[node] += 2;
   std::vector<Part> parts;
   for (const Part& way : ways) {
     Part part{{way.nodes.front()}, way.kind, way.two_way, way.id};
@@ -120,6 +122,11 @@ Network network_of(const OsmMap& map) {
   }
   std::map<std::int64_t, int> ends;
   for (const Part& part : parts) ++ends[part.nodes.front()], ++ends[part.nodes.back()];
+  for (const std::int64_t node : keep) ends[node] += 2;
+  const auto goes_on = [&](const std::vector<std::int64_t>& a, const std::vector<std::int64_t>& b) {
+    const Eigen::Vector2d in = map.nodes.at(a.back()) - map.nodes.at(a[a.size() - 2]), out = map.nodes.at(b[1]) - map.nodes.at(b[0]);
+    return in.dot(out) > 0.5 * in.norm() * out.norm();
+  };
   for (std::size_t i = 0; i < parts.size(); ++i) {
     for (bool grown = true; grown && !parts[i].nodes.empty();) {
       grown = false;
@@ -128,7 +135,7 @@ Network network_of(const OsmMap& map) {
         if (ends[parts[i].nodes.back()] != 2 || parts[i].nodes.front() == parts[i].nodes.back()) break;
         std::vector<std::int64_t> more = parts[j].nodes;
         if (more.front() != parts[i].nodes.back() && more.back() == parts[i].nodes.back() && parts[i].two_way) std::reverse(more.begin(), more.end());
-        if (more.front() != parts[i].nodes.back()) continue;
+        if (more.front() != parts[i].nodes.back() || !goes_on(parts[i].nodes, more)) continue;
         parts[i].nodes.insert(parts[i].nodes.end(), more.begin() + 1, more.end());
         parts[j].nodes.clear();
         grown = true;
@@ -158,13 +165,13 @@ void fit_between(const std::vector<Footprint>& footprints, std::vector<Street>& 
     const Polyline points = resampled(street.line, 2.0);
     for (const auto& point : points) room.push_back(walls.distance_m(point));
     std::sort(room.begin(), room.end());
-    street.half_width_m = std::max(2.5, std::min(street.half_width_m, room[room.size() / 8] - 1.6));
+    street.half_width_m = std::max(2.6, std::min(street.half_width_m, room[room.size() / 20] - 1.3));
     if (street.half_width_m < 4.4) street.lanes = 1;
   }
 }
 
-/// How much of a way has houses to its left and right, times its length.
-double lined_length_m(const NearLines& walls, const Polyline& line) {
+/// Long, round a block rather than to and fro, with houses to its left and right.
+double score_of(const NearLines& walls, const Polyline& line) {
   const Polyline points = resampled(line, 8.0, true);
   double lined = 0.0;
   for (std::size_t i = 0; i < points.size(); ++i) {
@@ -172,7 +179,9 @@ double lined_length_m(const NearLines& walls, const Polyline& line) {
     for (const double side : {-9.0, 9.0})
       lined += walls.distance_m(points[i] + side * Eigen::Vector2d(ahead.y(), -ahead.x())) < 7.0;
   }
-  return length_m(line, true) * (0.25 + lined / (2.0 * static_cast<double>(points.size())));
+  const double length = length_m(line, true), share = lined / (2.0 * static_cast<double>(points.size()));
+  const double round = std::min(1.0, 16.0 * std::abs(signed_area_m2(line)) / (length * length));
+  return length * (0.1 + share) * (0.3 + 0.7 * round);
 }
 
 /// The lane: right of the middle where there is oncoming traffic.
@@ -204,40 +213,40 @@ Polyline lane_of(const std::vector<Street>& streets, const Polyline& middle, dou
   return rounded(moved, radius_m, closed);
 }
 
-double clearance_m(const StreetNetwork& network, const Polyline& line) {
-  double clearance = 1e9;
-  for (const auto& point : line) clearance = std::min(clearance, -network.beyond_kerb_m(point));
-  return clearance;
-}
-
 Polyline opened(Polyline line) {
   line.pop_back();
   return line;
 }
 
-/// The loop with the best score that a car can drive without touching a kerb.
+/// The loop with the best score that a car can drive: away from walls, and not far over what the map says is road.
 Polyline find_loop(const std::string& file, const Network& network, const StreetPlan& plan, const OsmParams& params,
                    OsmReport& report) {
+  constexpr double to_walls_m = 1.7, over_kerb_m = 1.0, against_oneway = 0.7;
   const StreetGraph graph(network.edges);
   const StreetNetwork roads(plan.streets);
   NearLines walls(12.0);
   for (const Footprint& footprint : plan.footprints) walls.add(footprint.corners, true);
-  const auto score = [&](const Polyline& line) { return lined_length_m(walls, line); };
+  const auto score = [&](const Polyline& line) { return score_of(walls, line); };
+  Polyline best;
+  double best_score = 0.0;
   for (const bool keep_oneway : {true, false}) {
-    Polyline best;
-    double best_clearance = 0.9;
     for (const auto& legs : graph.loops(params.shortest_loop_m, params.longest_loop_m, keep_oneway, 40, score)) {
+      const Polyline middle = opened(graph.line_of(legs));
+      const double value = score(middle) * (keep_oneway ? 1.0 : against_oneway);
+      if (value <= best_score) continue;
       try {
-        const Polyline middle = opened(graph.line_of(legs));
-        const double clearance = clearance_m(roads, lane_of(plan.streets, middle, 0.0, true));
-        if (clearance > best_clearance) best = middle, best_clearance = clearance;
-        if (clearance > 1.6) break;
+        const Polyline lane = lane_of(plan.streets, middle, 0.0, true);
+        const bool drivable = std::all_of(lane.begin(), lane.end(), [&](const Eigen::Vector2d& point) {
+          return walls.distance_m(point) > to_walls_m && roads.beyond_kerb_m(point) < over_kerb_m;
+        });
+        if (!drivable) continue;
       } catch (const std::runtime_error&) {  // a bend that no car can drive: the next loop
+        continue;
       }
+      best = middle, best_score = value, report.against_oneway = !keep_oneway;
     }
-    report.against_oneway = !keep_oneway;
-    if (!best.empty()) return best;
   }
+  if (!best.empty()) return best;
   throw std::runtime_error(file + ": no closed way of " + std::to_string(std::lround(params.shortest_loop_m)) + " to " +
                            std::to_string(std::lround(params.longest_loop_m)) +
                            " m leads over its streets; allow other lengths, or name nodes to drive along");
@@ -310,7 +319,7 @@ StreetPlan plan_osm(const std::string& file, const OsmParams& params, OsmReport&
   StreetPlan plan;
   plan.attribution = "(c) OpenStreetMap contributors, ODbL 1.0";
   plan.footprints = footprints_of(map, report);
-  Network network = network_of(map);
+  Network network = network_of(map, params.along);
   clear_streets(network, plan.footprints, report);
   if (network.streets.empty()) throw std::runtime_error(file + ": has no streets a car can drive; export ways tagged highway of other kinds than footway");
   fit_between(plan.footprints, network.streets);
@@ -326,6 +335,12 @@ StreetPlan plan_osm(const std::string& file, const OsmParams& params, OsmReport&
   std::erase_if(plan.footprints, [&](const Footprint& footprint) { return far(footprint.corners); });
   std::erase_if(plan.streets, [&](const Street& street) { return far(resampled(street.line, 20.0)); });
   report.streets = static_cast<int>(plan.streets.size());
+  // Where a route cuts a corner there is road.
+  for (const Route& route : plan.routes) {
+    Polyline line = resampled(route.points, 2.0, route.closed);
+    if (route.closed) line.push_back(line.front());
+    plan.streets.push_back({std::move(line), 2.0, 0, true, 0});
+  }
   report.buildings = static_cast<int>(plan.footprints.size());
   return plan;
 }

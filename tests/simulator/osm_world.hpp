@@ -7,7 +7,7 @@
 namespace convoy::simulator {
 
 struct OsmParams {
-  double shortest_loop_m = 300.0, longest_loop_m = 650.0;  ///< of the route that is looked for
+  double shortest_loop_m = 400.0, longest_loop_m = 650.0;  ///< of the route that is looked for
   std::vector<std::int64_t> along;  ///< nodes of the map to drive along instead; the first again at the end: closed
   double reach_m = 250.0;           ///< what is farther from every route is left out; >= 50
   std::uint32_t seed = 1;           ///< of everything the map does not say
@@ -21,7 +21,7 @@ struct OsmReport {
   int outlines_refused = 0;      ///< not closed, crossing themselves, or next to nothing
   int buildings_in_streets = 0;  ///< left out, since a street leads through them
   int tags_not_understood = 0;   ///< heights and levels that are no numbers
-  bool against_oneway = false;   ///< no loop keeps to the one-way streets
+  bool against_oneway = false;   ///< the loop leads against one-way streets
 };
 
 /// Routes: "loop" (closed), "loop_beside" (2 m to its right), "loop_opposite"; with `along` the first is "along".

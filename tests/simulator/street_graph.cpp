@@ -64,7 +64,7 @@ std::vector<std::vector<Leg>> StreetGraph::loops(double shortest_m, double longe
       if (!way.empty() && (way.back().edge == leg.edge || turns_too_sharply(way.back(), leg))) continue;
       way.push_back(leg);
       if (next == start) {
-        if (so_far >= shortest_m && way.size() > 1 && !turns_too_sharply(way.back(), way.front()))
+        if (so_far >= shortest_m && !turns_too_sharply(way.back(), way.front()))
           found.emplace_back(score(line_of(way)), way);
       } else if (visited.insert(next).second) {
         search(next, so_far);

@@ -75,7 +75,7 @@ double StreetNetwork::beyond_kerb_m(const Eigen::Vector2d& point) const {
 double StreetNetwork::beyond_others_m(const Eigen::Vector2d& point, std::size_t street) const {
   double best = far_m;
   for (const std::size_t i : near(point))
-    if (segments_[i].street != street) best = std::min(best, distance_m(segments_[i], point));
+    if (segments_[i].street != street && segments_[i].half_width > entrance_half_width_m) best = std::min(best, distance_m(segments_[i], point));
   return best;
 }
 

@@ -17,10 +17,11 @@ class StreetNetwork {
 
   /// Distance to the nearest kerb [m]: negative on the road, positive beside it, `far_m` where no street is near.
   double beyond_kerb_m(const Eigen::Vector2d& point) const;
-  /// The same for all streets but `street`: negative where that one is crossed.
+  /// The same for all streets but `street`, and without yards' entrances: negative where that one is crossed.
   double beyond_others_m(const Eigen::Vector2d& point, std::size_t street) const;
 
   static constexpr double far_m = 16.0;
+  static constexpr double entrance_half_width_m = 3.0;
 
  private:
   struct Segment {

@@ -16,7 +16,7 @@ namespace convoy::simulator {
 struct Street {
   std::vector<Eigen::Vector2d> line;  ///< its middle; >= 2 points, neighbours apart
   double half_width_m = 4.0;          ///< middle to kerb, parked cars included
-  int lanes = 2;                      ///< over the whole width; 1: nothing is painted along it
+  int lanes = 2;                      ///< over the whole width; 1: nothing is painted along it; 0: bare road
   bool two_way = true;
   std::uint32_t id = 0;  ///< what is drawn at random along it is drawn by this
 };

@@ -187,7 +187,24 @@ Texture car_top(const Grain& grain, Stream& random, double grey) {
   return canvas.take();
 }
 
+void add_car_textures(SceneBuilder& scene, const Grain& grain, Stream& random, StreetTextures& t) {
+  static constexpr std::array<double, 8> paints{228, 60, 150, 36, 186, 96, 120, 205};
+  for (std::size_t i = 0; i < paints.size(); ++i) {
+    t.car_sides[i] = scene.add(car_side(grain, random, paints[i]));
+    t.car_tops[i] = scene.add(car_top(grain, random, paints[i]));
+  }
+  t.tyre = scene.add(plain(26));
+}
+
 }  // namespace
+
+StreetTextures paint_car_textures(SceneBuilder& scene, std::uint32_t seed) {
+  const Grain grain(seed);
+  Stream random({seed, 0, 21, 0});
+  StreetTextures t;
+  add_car_textures(scene, grain, random, t);
+  return t;
+}
 
 StreetTextures paint_street_textures(SceneBuilder& scene, std::uint32_t seed) {
   const Grain grain(seed);
@@ -205,16 +222,10 @@ StreetTextures paint_street_textures(SceneBuilder& scene, std::uint32_t seed) {
   t.bark = scene.add(worn(grain, random, 84.0, 14.0, 60, 40.0));
   t.leaves = scene.add(worn(grain, random, 78.0, 24.0, 90, 25.0));
   t.stone = scene.add(worn(grain, random, 178.0, 7.0, 6, 120.0));
-  t.tyre = scene.add(plain(26));
   t.bin = scene.add(worn(grain, random, 66.0, 6.0, 20, 150.0));
   for (std::size_t i = 0; i < t.signs.size(); ++i) t.signs[i] = scene.add(sign(grain, random, static_cast<int>(i)));
   t.sign_back = scene.add(plain(96));
-  static constexpr std::array<double, 8> paints{228, 60, 150, 36, 186, 96, 120, 205};
-  for (std::size_t i = 0; i < paints.size(); ++i) {
-    t.car_sides[i] = scene.add(car_side(grain, random, paints[i]));
-    t.car_tops[i] = scene.add(car_top(grain, random, paints[i]));
-  }
-  t.car_end = t.tyre;
+  add_car_textures(scene, grain, random, t);
   return t;
 }
 

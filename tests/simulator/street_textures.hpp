@@ -19,10 +19,12 @@ struct StreetTextures {
   TextureId sign_back = 0;
   std::array<TextureId, 8> car_sides{};    ///< one for each paint
   std::array<TextureId, 8> car_tops{};
-  TextureId car_end = 0;
 };
 
 StreetTextures paint_street_textures(SceneBuilder& scene, std::uint32_t seed);
+
+/// The textures of cars alone; the others are not there.
+StreetTextures paint_car_textures(SceneBuilder& scene, std::uint32_t seed);
 
 /// The sky with clouds, and the outline of the town at the horizon.
 Texture paint_sky(std::uint32_t seed);

@@ -128,6 +128,7 @@ World build_world(const StreetPlan& plan, std::uint32_t seed, const DetailParams
   add_buildings(scene, ground, plan, routes, detail, seed);
   Furnisher furnisher(scene, ground, terrain->network(), plan, routes, textures);
   for (std::size_t i = 0; i < plan.streets.size(); ++i) {
+    if (plan.streets[i].lanes == 0) continue;
     add_road_marks(scene, ground, terrain->network(), plan.streets[i], i, textures, seed);
     furnisher.furnish(i, seed, detail.furniture_m);
   }
