@@ -259,7 +259,7 @@ TEST(VehiclePhysics, FallsOnTheGroundNotThroughIt) {
   for (const VehicleParams& p : {VehicleParams{}, robot_params()}) {
     const Ledge ledge;
     VehiclePhysics vehicle(p, ledge, 0.0, 0.0, 0.0);
-    double lowest_m = 1.0;
+    double lowest_m = 1.0, deepest_m = 0.0;
     for (int i = 0; i < 10 * per_second; ++i) {
       vehicle.step(at_speed(vehicle, 8.0));
       if (position(vehicle).x() < 10.0 + p.length_m) continue;
@@ -268,11 +268,16 @@ TEST(VehiclePhysics, FallsOnTheGroundNotThroughIt) {
             vehicle.state().T_world_body * Eigen::Vector3d(0.5 * p.wheelbase_m + (corner & 1 ? 0.5 : -0.5) * p.length_m,
                                                            (corner & 2 ? 0.5 : -0.5) * p.width_m,
                                                            corner & 4 ? p.height_m : p.clearance_m);
+        const Eigen::Vector3d foot =
+            vehicle.state().T_world_body *
+            Eigen::Vector3d(corner & 1 ? p.wheelbase_m : 0.0, (corner & 2 ? 0.5 : -0.5) * p.track_m, 0.0);
         lowest_m = std::min(lowest_m, at.z() + 3.0);
+        deepest_m = std::max(deepest_m, -3.0 - foot.z());
       }
     }
     EXPECT_GT(position(vehicle).x(), 20.0);
     EXPECT_GT(lowest_m, -0.05);
+    EXPECT_LT(deepest_m, p.travel_m + 0.02);
     EXPECT_NEAR(vehicle.state().roll_rad(), 0.0, 0.05);
   }
 }
