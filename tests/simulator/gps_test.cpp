@@ -106,6 +106,8 @@ TEST(Gps, RtkIsOfCentimetresUntilItsFixIsLost) {
       lost += !reading->fix;
       ++all;
       EXPECT_NEAR(reading->covariance_m2(0, 0), reading->fix ? 1.28e-4 : 0.0925, 1e-9);
+      EXPECT_NEAR(reading->covariance_m2(2, 2), reading->fix ? 4.5e-4 : 0.37, 1e-9);
+      EXPECT_NEAR(reading->drift_covariance_m2(0, 0), reading->fix ? 6.4e-5 : 0.09, 1e-9);
     }
   }
   // Once a minute of fix, for 15 s: of a renewal process.

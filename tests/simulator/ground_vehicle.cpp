@@ -48,14 +48,12 @@ GroundPatch GroundRays::patch(double x_m, double y_m) const {
 void* GroundRays::castRay(const btVector3& from, const btVector3& to, btVehicleRaycasterResult& result) {
   const btVector3 ray = to - from;
   if (ray.z() > -0.2 * ray.length()) return nullptr;  // on its side
-  double part = 0.5;
-  GroundPatch under;
-  for (int round = 0; round < 3; ++round) {  // Newton's method; the ray is nearly upright
-    const btVector3 at = from + ray * part;
-    under = patch(at.x(), at.y());
-    const double height_over = (at.z() - under.height_m) * under.normal.z();
-    part -= height_over / std::min(ray.dot(under.normal), -0.1 * ray.length());
-  }
+  // The ray is nearly upright and moves little from one step to the next: the plane at the last hit is met, nothing
+  // else is asked of the ground, which takes most of the time on a large map.
+  const btVector3 at = from + ray * guess_;
+  const GroundPatch under = patch(at.x(), at.y());
+  const double height_over = (at - btVector3(at.x(), at.y(), under.height_m)).dot(under.normal);
+  const double part = guess_ - height_over / std::min(ray.dot(under.normal), -0.1 * ray.length());
   if (part > 1.0) return nullptr;
   result.m_hitPointInWorld = from + ray * part;
   result.m_hitNormalInWorld = under.normal;
@@ -82,6 +80,7 @@ GroundVehicle::GroundVehicle(const VehicleParams& params, btRigidBody& body, Gro
              params.wheel_radius_m, tuning, i < RearLeft);
     tyres_[i].holds = params.kind == VehicleKind::Car || i >= RearLeft;
   }
+  resetSuspension();  // Bullet leaves its lengths undefined
 }
 
 double GroundVehicle::speed_along(const btVector3& position, const btVector3& direction) const {
@@ -121,7 +120,11 @@ void GroundVehicle::steer(double step_s) {
 }
 
 void GroundVehicle::find_contacts(double step_s) {
-  for (btWheelInfo& wheel : std::span(&m_wheelInfo[0], tyres_.size())) rayCast(wheel);
+  for (btWheelInfo& wheel : std::span(&m_wheelInfo[0], tyres_.size())) {
+    rays_->guess((wheel.m_raycastInfo.m_suspensionLength + params_.wheel_radius_m) /
+                 (spring_length_m + params_.wheel_radius_m));
+    rayCast(wheel);
+  }
   updateSuspension(step_s);
   add_anti_roll();
   const btVector3 body_ahead = body_->getWorldTransform().getBasis().getColumn(0);
@@ -172,7 +175,8 @@ void GroundVehicle::find_stops(double step_s) {
       add(ray.m_contactPointWS, ray.m_contactNormalWS, rest_length_m_ - params_.travel_m - length, i);
   }
   const double behind = -0.5 * (params_.length_m - params_.wheelbase_m) - params_.centre_ahead_m;
-  for (int corner = 0; corner < 8; ++corner) {
+  const bool upright = body_->getWorldTransform().getBasis()[2][2] > 0.7;
+  for (int corner = 0; corner < (upright ? 4 : 8); ++corner) {
     const btVector3 at = body_->getWorldTransform()(
         btVector3(behind + (corner & 1 ? params_.length_m : 0.0), (corner & 2 ? 0.5 : -0.5) * params_.width_m,
                   (corner & 4 ? params_.height_m : params_.clearance_m) - params_.centre_height_m));

@@ -25,11 +25,13 @@ class GroundRays final : public btVehicleRaycaster {
   /// Throws std::invalid_argument where the height is no number.
   GroundPatch patch(double x_m, double y_m) const;
   double height_m(double x_m, double y_m) const;
+  /// Where the next ray is expected to meet the ground, as a part of its length.
+  void guess(double part) { guess_ = part; }
   void* castRay(const btVector3& from, const btVector3& to, btVehicleRaycasterResult& result) override;
 
  private:
   const Ground* ground_;
-  double half_contact_m_;
+  double half_contact_m_, guess_ = 1.0;
 };
 
 class GroundVehicle final : public btRaycastVehicle {

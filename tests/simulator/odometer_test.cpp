@@ -180,6 +180,22 @@ TEST(Odometer, SlipEventsComeAsOftenAsStated) {
   EXPECT_NEAR(slipped_m / events, 0.2 * 20.0 * (2.0 / 3.0), 0.15) << "two wheels in one of three, one in the others";
 }
 
+TEST(Odometer, WheelsThatLockTurnLess) {
+  OdometerParams params = exact();
+  params.slip_events_per_km = 100.0;
+  for (double force : {0.2, -0.2})
+    for (double speed_mps : {10.0, -10.0}) {
+      Odometer odometer(params, {}, 2, 1);
+      Motion motion;
+      motion.speed_mps = speed_mps;
+      motion.longitudinal = force;
+      double ratio = 0.0;
+      for (const OdometerReading& reading : readings(odometer, motion, 2000))
+        ratio += reading.distance_m * 20.0 / speed_mps / 2000;
+      EXPECT_GT((ratio - 1.0) * force * speed_mps, 0.01) << force << ' ' << speed_mps;
+    }
+}
+
 TEST(Odometer, CountsWholeTicks) {
   OdometerParams params = exact();
   params.ticks_per_turn = 100;
@@ -231,6 +247,7 @@ TEST(Odometer, DependsOnSeedAndVehicleAlone) {
   for (std::size_t i = 0; i < first.size(); ++i) {
     EXPECT_EQ(first[i].gyro_yaw_rate_radps, second[i].gyro_yaw_rate_radps);
     EXPECT_EQ(first[i].stamp_s, second[i].stamp_s);
+    EXPECT_NE(first[i].stamp_s, third[i].stamp_s);
     EXPECT_NE(first[i].gyro_yaw_rate_radps, third[i].gyro_yaw_rate_radps);
     EXPECT_NE(first[i].gyro_yaw_rate_radps, fourth[i].gyro_yaw_rate_radps);
   }

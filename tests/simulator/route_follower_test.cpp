@@ -207,6 +207,21 @@ TEST(RouteFollower, TellsTheAbscissaOfTheRoute) {
   EXPECT_NEAR(follower.abscissa_m(), 10.0, 0.1);
 }
 
+TEST(RouteFollower, TakesTheWayItHeadsForWhereTwoCross) {
+  const RouteLine line(eight(), 0.0);
+  const double half = 0.5 * line.length_m();
+  for (double way_m : {half - 0.3, half + 0.3, 0.3}) {
+    const RouteLine::Place place = line.find(line.point(way_m), line.heading_rad(way_m));
+    EXPECT_NEAR(place.way_m, way_m, 0.01);
+    EXPECT_NEAR(place.left_m, 0.0, 1e-9);
+  }
+  // Nearer to the other branch, which leads back.
+  Route there_and_back{"there and back", {{0, 0}, {20, 0}, {20, 1}, {0, 1}}, false};
+  const RouteLine narrow(there_and_back, 0.0);
+  EXPECT_NEAR(narrow.find({5.0, 0.7}, 0.0).way_m, 5.0, 1e-9);
+  EXPECT_NEAR(narrow.find({5.0, 0.3}, 3.0).way_m, 36.0, 1e-9);
+}
+
 TEST(RouteFollower, RefusesWhatIsNoRoute) {
   const auto text_of = [](const Route& route, double offset_m = 0.0) -> std::string {
     try {

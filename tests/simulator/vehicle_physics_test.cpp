@@ -166,6 +166,44 @@ TEST(VehiclePhysics, TyreForcesAreThoseOfTheMotion) {
   EXPECT_NEAR(load_n, vehicle.params().mass_kg * g, 20.0);
 }
 
+// Slip angle of the rear axle: lateral force / load over the cornering stiffness, outwards. The velocity is that before
+// the step's own turn.
+TEST(VehiclePhysics, TyresDriftOutwardsInABend) {
+  const Slope level;
+  VehiclePhysics vehicle({}, level, 0.0, 0.0, 0.0);
+  hold_speed(vehicle, 6.0, 12.0, 0.15);
+  const VehicleState& state = vehicle.state();
+  const Eigen::Vector3d velocity = state.T_world_body.linear().transpose() * state.velocity_world_mps;
+  const double yaw_rate = state.turn_body_radps.z();
+  const double model = state.speed_mps * yaw_rate / g / vehicle.params().cornering_stiffness;
+  EXPECT_NEAR(-velocity.y() / velocity.x() - yaw_rate / per_second, model, 0.05 * model);
+}
+
+// Mass times lateral acceleration times lever, over the stiffness of springs and bars: within 10 %.
+TEST(VehiclePhysics, RollsAsFarAsSpringsAndBarsAllow) {
+  for (double anti_roll_npm : {0.0, 12000.0, 40000.0}) {
+    const Slope level;
+    VehicleParams p;
+    p.anti_roll_npm = anti_roll_npm;
+    VehiclePhysics vehicle(p, level, 0.0, 0.0, 0.0);
+    hold_speed(vehicle, 6.0, 15.0, 0.15);
+    const double acceleration = vehicle.state().speed_mps * vehicle.state().turn_body_radps.z();
+    const double spring_npm = 0.25 * p.mass_kg * g / p.deflection_m;
+    const double stiffness = spring_npm * p.track_m * p.track_m + 2.0 * anti_roll_npm * p.track_m * p.track_m;
+    const double model = p.mass_kg * acceleration * p.centre_height_m / (stiffness - p.mass_kg * g * p.centre_height_m);
+    EXPECT_NEAR(vehicle.state().roll_rad(), model, 0.1 * model) << anti_roll_npm;
+  }
+}
+
+TEST(VehiclePhysics, CoastsToAStandBySlowDegrees) {
+  const Slope level;
+  VehiclePhysics vehicle({}, level, 0.0, 0.0, 0.0);
+  hold_speed(vehicle, 5.0, 10.0);
+  const double speed = vehicle.state().speed_mps;
+  run(vehicle, {}, 10.0);
+  EXPECT_NEAR(vehicle.state().speed_mps, speed - 10.0 * 0.012 * g, 0.02);
+}
+
 TEST(VehiclePhysics, WheelsTurnByTheWayTheyGo) {
   const Slope level;
   VehiclePhysics vehicle({}, level, 0.0, 0.0, 0.7);
@@ -212,21 +250,36 @@ TEST(VehiclePhysics, ClimbsAKerb) {
   EXPECT_LT(highest, 0.15);
 }
 
-struct Hole final : Ground {
-  double height_m(double x_m, double) const override { return x_m < 10.0 ? 0.0 : -1.0; }
+struct Ledge final : Ground {
+  double height_m(double x_m, double) const override { return x_m < 10.0 ? 0.0 : -3.0; }
 };
 
-// Off a ledge of a metre: springs go to their stops, the body does not go through the ground.
+// Off a ledge of three metres: springs go to their stops, and no corner of the body goes into the ground.
 TEST(VehiclePhysics, FallsOnTheGroundNotThroughIt) {
-  const Hole hole;
-  VehiclePhysics vehicle({}, hole, 0.0, 0.0, 0.0);
-  for (int i = 0; i < 10 * per_second; ++i) {
-    vehicle.step(at_speed(vehicle, 8.0));
-    const VehicleState& state = vehicle.state();
-    const Eigen::Vector3d middle = state.T_world_body * Eigen::Vector3d(1.3, 0.0, 0.55);
-    ASSERT_GT(middle.z() - hole.height_m(middle.x(), 0.0), 0.1) << state.time_s;
+  for (const VehicleParams& p : {VehicleParams{}, robot_params()}) {
+    const Ledge ledge;
+    VehiclePhysics vehicle(p, ledge, 0.0, 0.0, 0.0);
+    double lowest_m = 1.0, deepest_m = 0.0;
+    for (int i = 0; i < 10 * per_second; ++i) {
+      vehicle.step(at_speed(vehicle, 8.0));
+      if (position(vehicle).x() < 10.0 + p.length_m) continue;
+      for (int corner = 0; corner < 8; ++corner) {
+        const Eigen::Vector3d at =
+            vehicle.state().T_world_body * Eigen::Vector3d(0.5 * p.wheelbase_m + (corner & 1 ? 0.5 : -0.5) * p.length_m,
+                                                           (corner & 2 ? 0.5 : -0.5) * p.width_m,
+                                                           corner & 4 ? p.height_m : p.clearance_m);
+        const Eigen::Vector3d foot =
+            vehicle.state().T_world_body *
+            Eigen::Vector3d(corner & 1 ? p.wheelbase_m : 0.0, (corner & 2 ? 0.5 : -0.5) * p.track_m, 0.0);
+        lowest_m = std::min(lowest_m, at.z() + 3.0);
+        deepest_m = std::max(deepest_m, -3.0 - foot.z());
+      }
+    }
+    EXPECT_GT(position(vehicle).x(), 20.0);
+    EXPECT_GT(lowest_m, -0.05);
+    EXPECT_LT(deepest_m, p.travel_m + 0.02);
+    EXPECT_NEAR(vehicle.state().roll_rad(), 0.0, 0.05);
   }
-  EXPECT_GT(position(vehicle).x(), 20.0);
 }
 
 TEST(VehiclePhysics, RobotTurnsOnTheSpot) {

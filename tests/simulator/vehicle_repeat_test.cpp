@@ -8,6 +8,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
+#include <future>
 #include <iostream>
 #include <limits>
 #include <stdexcept>
@@ -65,6 +66,18 @@ TEST(VehiclePhysics, SameInputsSameStatesWhoeverElseDrives) {
     EXPECT_EQ(hash_of(moved.state()), hash_of(alone.state()));
     RecordProperty("hash", std::to_string(hash));
   }
+}
+
+TEST(VehiclePhysics, SameStatesOnAnyThread) {
+  Slope uneven;
+  uneven.waves_m = 0.02;
+  const auto hash_from = [&](double x_m) {
+    VehiclePhysics vehicle({}, uneven, x_m, 0.0, 0.1);
+    return drive(vehicle, 3000);
+  };
+  auto first = std::async(std::launch::async, hash_from, 0.0), second = std::async(std::launch::async, hash_from, 9.0);
+  EXPECT_EQ(first.get(), hash_from(0.0));
+  EXPECT_EQ(second.get(), hash_from(9.0));
 }
 
 std::uint64_t hash_of_a_drive() {
