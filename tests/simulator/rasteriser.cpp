@@ -8,6 +8,7 @@
 namespace convoy::simulator {
 namespace {
 
+constexpr int kRun = 4;
 constexpr std::size_t kMostCorners = 9;  // of a triangle cut by five planes, and one to spare
 
 Window window_of(const Lens& lens, double oversampling) {
@@ -64,8 +65,12 @@ Rasteriser::Rasteriser(const Scene& scene, const Lens& lens, const RasteriserPar
       lens_(lens),
       params_((params.validate(), params)),
       buffer_(window_of(lens, params.oversampling)),
-      pixels_(lens.params().width, lens.params().height),
-      light_(lens.params().width, lens.params().height) {
+      ray_x_(lens.params().width, lens.params().height),
+      ray_y_(ray_x_),
+      corner_(ray_x_.width, ray_x_.height),
+      right_(ray_x_.width, ray_x_.height),
+      below_(right_),
+      light_(ray_x_) {
   textures_.reserve(scene.textures.size());
   for (const Texture& texture : scene.textures) textures_.emplace_back(texture);
   if (scene.sky >= textures_.size())
@@ -97,15 +102,15 @@ void Rasteriser::add_piece(const Mesh& mesh, std::uint32_t index, std::optional<
 }
 
 void Rasteriser::lay_out_pixels() {
-  for (int y = 0; y < pixels_.height; ++y)
-    for (int x = 0; x < pixels_.width; ++x) {
+  for (int y = 0; y < ray_x_.height; ++y)
+    for (int x = 0; x < ray_x_.width; ++x) {
       const Eigen::Vector2d ray = lens_.ray_of({x, y});
       const Eigen::Vector2d place = buffer_.window().pixel_of(ray) - Eigen::Vector2d::Constant(0.5);
       const Eigen::Vector2i corner = place.array().floor().cast<int>();
       const Eigen::Vector2d weight = (place - corner.cast<double>()) * 255.0;
-      pixels_.row(y)[x] = {static_cast<float>(ray.x()), static_cast<float>(ray.y()),
-                           static_cast<std::uint32_t>(buffer_.index(corner.x(), corner.y())),
-                           static_cast<std::uint8_t>(weight.x()), static_cast<std::uint8_t>(weight.y())};
+      ray_x_.at(x, y) = static_cast<float>(ray.x()), ray_y_.at(x, y) = static_cast<float>(ray.y());
+      corner_.at(x, y) = static_cast<std::uint32_t>(buffer_.index(corner.x(), corner.y()));
+      right_.at(x, y) = static_cast<std::uint8_t>(weight.x()), below_.at(x, y) = static_cast<std::uint8_t>(weight.y());
     }
   const double texels_per_pixel = textures_[scene_.sky].width() / (2.0 * M_PI) / lens_.params().fx;
   sky_level_ = std::max(0, static_cast<int>(std::lround(std::log2(std::max(texels_per_pixel, 1.0)))));
@@ -236,61 +241,75 @@ int Rasteriser::clip(std::vector<Eigen::Vector3d>& polygon) const {
   return static_cast<int>(polygon.size());
 }
 
+/// Runs of up to four pixels that see one triangle are lit together.
 void Rasteriser::light_row(int y) {
-  const Pixel* row = pixels_.row(y);
-  const Pixel* next = pixels_.row(y + 1 < pixels_.height ? y + 1 : y);
-  const Pixel* previous = y + 1 < pixels_.height ? row : pixels_.row(y - 1);
+  const std::uint32_t* corners = corner_.row(y);
   const std::uint32_t* ids = buffer_.ids();
+  const std::size_t down = buffer_.stride();
+  const auto sees_only = [&](int x, std::uint32_t id) {
+    const std::uint32_t* at = ids + corners[x];
+    return ((at[0] ^ id) | (at[1] ^ id) | (at[down] ^ id) | (at[down + 1] ^ id)) == 0;
+  };
   float* out = light_.row(y);
-  const int last = pixels_.width - 1;
-  for (int x = 0; x <= last; ++x) {
-    const Pixel& pixel = row[x];
-    const Pixel &right = row[x < last ? x + 1 : x], &left = row[x < last ? x : x - 1];
-    const Eigen::Vector4f slopes(right.x - left.x, right.y - left.y, next[x].x - previous[x].x,
-                                 next[x].y - previous[x].y);
-    const std::uint32_t* corner = ids + pixel.corner;
-    const std::uint32_t* under = corner + buffer_.stride();
-    const std::array<std::uint32_t, 4> four{corner[0], corner[1], under[0], under[1]};
-    if (four[0] == four[1] && four[0] == four[2] && four[0] == four[3]) {
-      out[x] = lit(four[0], pixel, slopes);
-      continue;
+  for (int x = 0; x < light_.width;) {
+    const std::uint32_t id = ids[corners[x]];
+    int count = 0;
+    while (count < kRun && x + count < light_.width && sees_only(x + count, id)) ++count;
+    if (count == 0) {
+      out[x] = light_edge(x, y, corners[x]), ++x;
+    } else {
+      light(id, x, y, count, out + x), x += count;
     }
-    const float r = static_cast<float>(pixel.right) * (1.0F / 255.0F),
-                b = static_cast<float>(pixel.below) * (1.0F / 255.0F);
-    std::array<float, 4> weights{(1 - r) * (1 - b), r * (1 - b), (1 - r) * b, r * b};
-    float sum = 0.0F;
-    for (std::size_t i = 0; i < 4; ++i) {
-      float weight = weights[i];
-      for (std::size_t j = i + 1; j < 4; ++j)
-        if (four[j] == four[i]) weight += weights[j], weights[j] = 0.0F;
-      if (weight > 0.0F) sum += weight * lit(four[i], pixel, slopes);
-      for (std::size_t j = i + 1; j < 4; ++j)
-        if (four[j] == four[i]) weights[j] = 0.0F;
-    }
-    out[x] = sum;
   }
 }
 
-float Rasteriser::lit(std::uint32_t id, const Pixel& pixel, const Eigen::Vector4f& slopes) const {
-  if (id == VisibilityBuffer::kNothing) return sky(pixel);
-  const Seen& seen = drawn_[id];
-  const auto form = [&pixel](const Eigen::Vector3f& f) { return f[0] * pixel.x + f[1] * pixel.y + f[2]; };
-  const float z = 1.0F / std::max(form(seen.w), 1e-4F);
-  const float u = form(seen.u) * z, v = form(seen.v) * z;
-  const float ux = (seen.u[0] - u * seen.w[0]) * z, uy = (seen.u[1] - u * seen.w[1]) * z;
-  const float vx = (seen.v[0] - v * seen.w[0]) * z, vy = (seen.v[1] - v * seen.w[1]) * z;
-  const Footprint footprint{u,
-                            v,
-                            ux * slopes[0] + uy * slopes[1],
-                            vx * slopes[0] + vy * slopes[1],
-                            ux * slopes[2] + uy * slopes[3],
-                            vx * slopes[2] + vy * slopes[3]};
-  return seen.shade * seen.texture->sample(footprint, params_.filter);
+/// A pixel that sees several triangles: each one's light by the share that it has of the pixel.
+float Rasteriser::light_edge(int x, int y, std::uint32_t first_corner) const {
+  const std::uint32_t* at = buffer_.ids() + first_corner;
+  const std::array<std::uint32_t, 4> ids{at[0], at[1], at[buffer_.stride()], at[buffer_.stride() + 1]};
+  const float r = static_cast<float>(right_.at(x, y)) / 255.0F, b = static_cast<float>(below_.at(x, y)) / 255.0F;
+  std::array<float, 4> weights{(1 - r) * (1 - b), r * (1 - b), (1 - r) * b, r * b};
+  float sum = 0.0F, one = 0.0F;
+  for (std::size_t i = 0; i < 4; ++i) {
+    for (std::size_t j = i + 1; j < 4; ++j)
+      if (ids[j] == ids[i]) weights[i] += weights[j], weights[j] = 0.0F;
+    if (weights[i] <= 0.0F) continue;
+    light(ids[i], x, y, 1, &one);
+    sum += weights[i] * one;
+  }
+  return sum;
 }
 
-float Rasteriser::sky(const Pixel& pixel) const {
+void Rasteriser::light(std::uint32_t id, int x, int y, int count, float* out) const {
+  const float *ray_x = ray_x_.row(y) + x, *ray_y = ray_y_.row(y) + x;
+  if (id == VisibilityBuffer::kNothing) {
+    for (int i = 0; i < count; ++i) out[i] = sky(ray_x[i], ray_y[i]);
+    return;
+  }
+  const Seen& seen = drawn_[id];
+  std::array<float, kRun> z, u, v;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
+    const auto form = [px = ray_x[i], py = ray_y[i]](const Eigen::Vector3f& f) { return f[0] * px + f[1] * py + f[2]; };
+    z[i] = 1.0F / std::max(form(seen.w), 1e-4F);
+    u[i] = form(seen.u) * z[i], v[i] = form(seen.v) * z[i];
+  }
+  // The footprint of the run's middle pixel serves all of it.
+  const auto m = static_cast<std::size_t>(count / 2);
+  const int mx = x + count / 2, left = mx + 1 < light_.width ? mx : mx - 1, above = y + 1 < light_.height ? y : y - 1;
+  const float x_x = ray_x_.at(left + 1, y) - ray_x_.at(left, y), y_x = ray_y_.at(left + 1, y) - ray_y_.at(left, y);
+  const float x_y = ray_x_.at(mx, above + 1) - ray_x_.at(mx, above),
+              y_y = ray_y_.at(mx, above + 1) - ray_y_.at(mx, above);
+  const float ux = (seen.u[0] - u[m] * seen.w[0]) * z[m], uy = (seen.u[1] - u[m] * seen.w[1]) * z[m];
+  const float vx = (seen.v[0] - v[m] * seen.w[0]) * z[m], vy = (seen.v[1] - v[m] * seen.w[1]) * z[m];
+  const MipTexture::Taps taps = seen.texture->taps(
+      {ux * x_x + uy * y_x, vx * x_x + vy * y_x, ux * x_y + uy * y_y, vx * x_y + vy * y_y}, params_.filter);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i)
+    out[i] = seen.shade * MipTexture::sample(u[i], v[i], taps);
+}
+
+float Rasteriser::sky(float ray_x, float ray_y) const {
   const MipTexture& panorama = textures_[scene_.sky];
-  const Eigen::Vector3f ray = R_world_camera_ * Eigen::Vector3f(pixel.x, pixel.y, 1.0F);
+  const Eigen::Vector3f ray = R_world_camera_ * Eigen::Vector3f(ray_x, ray_y, 1.0F);
   const float level = std::sqrt(ray.x() * ray.x() + ray.y() * ray.y());
   const float from_zenith = 1.0F - 4.0F * turns(ray.z(), level);
   const float half = 0.5F / static_cast<float>(panorama.height() >> std::min(sky_level_, panorama.levels() - 1));

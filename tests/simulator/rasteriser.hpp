@@ -73,12 +73,6 @@ class Rasteriser {
     float shade;
     std::uint32_t piece, triangle;
   };
-  struct Pixel {  ///< where a frame pixel's ray meets the plane z = 1
-    float x, y;
-    std::uint32_t corner;               ///< of four visibility pixels around it
-    std::uint8_t right = 0, below = 0;  ///< weight of the right and lower ones, of 256
-  };
-  struct Corner;
 
   void add_piece(const Mesh& mesh, std::uint32_t index, std::optional<std::uint32_t> object);
   void lay_out_pixels();
@@ -87,8 +81,9 @@ class Rasteriser {
   void draw_triangle(std::uint32_t piece, std::uint32_t triangle, float bias);
   int clip(std::vector<Eigen::Vector3d>& polygon) const;
   void light_row(int y);
-  float lit(std::uint32_t id, const Pixel& pixel, const Eigen::Vector4f& slopes) const;
-  float sky(const Pixel& pixel) const;
+  float light_edge(int x, int y, std::uint32_t first_corner) const;
+  void light(std::uint32_t id, int x, int y, int count, float* out) const;
+  float sky(float ray_x, float ray_y) const;
   std::uint32_t id_at(const Eigen::Vector2d& ray) const;
 
   const Scene& scene_;
@@ -97,7 +92,9 @@ class Rasteriser {
   std::vector<MipTexture> textures_;
   std::vector<Piece> pieces_;
   VisibilityBuffer buffer_;
-  Image<Pixel> pixels_;
+  Image<float> ray_x_, ray_y_;         ///< where a frame pixel's ray meets the plane z = 1
+  Image<std::uint32_t> corner_;        ///< the upper left one of four visibility pixels around it
+  Image<std::uint8_t> right_, below_;  ///< weights of the right and lower ones, of 255
   LightImage light_;
   int sky_level_ = 0;
 
