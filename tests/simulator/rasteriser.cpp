@@ -78,7 +78,8 @@ Rasteriser::Rasteriser(const Scene& scene, const Lens& lens, const RasteriserPar
                                 std::to_string(textures_.size()) + "; add it to textures");
   for (std::uint32_t i = 0; i < scene.meshes.size(); ++i) add_piece(scene.meshes[i], i, std::nullopt);
   for (std::uint32_t j = 0; j < scene.objects.size(); ++j)
-    for (std::uint32_t i = 0; i < scene.objects[j].meshes.size(); ++i) add_piece(scene.objects[j].meshes[i], i, j);
+    for (std::uint32_t i = 0; params.hidden_object != j && i < scene.objects[j].meshes.size(); ++i)
+      add_piece(scene.objects[j].meshes[i], i, j);
   lay_out_pixels();
 }
 

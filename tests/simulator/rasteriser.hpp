@@ -20,6 +20,7 @@ struct RasteriserParams {
   double near_m = 0.1;        ///< nothing is nearer than that, > 0
   double far_m = 400.0;       ///< meshes beyond are passed over, > near_m
   double oversampling = 1.5;  ///< pixels in which visibility is found per frame pixel, each way; 0.5 to 3
+  std::optional<std::uint32_t> hidden_object;  ///< is not drawn: what the camera is in
 
   /// Throws std::invalid_argument that says what is wrong and how to mend it.
   void validate() const;

@@ -1,16 +1,21 @@
 #include "live_source.hpp"
 
+#include "camera.hpp"
 #include "district.hpp"
+#include "fleet_bodies.hpp"
 #include "gps.hpp"
 #include "odometer.hpp"
 #include "osm_world.hpp"
 #include "route_follower.hpp"
 #include "sensor_samples.hpp"
 #include "sim_error.hpp"
+#include "traffic.hpp"
 #include "vehicle_physics.hpp"
 
 #include <algorithm>
+#include <future>
 #include <optional>
+#include <thread>
 
 namespace convoy::simulator {
 namespace {
@@ -70,6 +75,41 @@ GpsData data_of(const GpsReading& r, GpsKind kind, const Eigen::Vector3d& antenn
   data.drift_covariance = packed(r.drift_covariance_m2);
   data.correlation_s = r.correlation_s;
   return data;
+}
+
+CameraParams camera_params(const SimOptions& options, std::uint32_t vehicle, std::optional<std::uint32_t> own_body) {
+  CameraParams params;
+  params.lens.width = options.width;
+  params.lens.height = options.height;
+  params.lens.fx *= options.width / 640.0;
+  params.lens.fy = params.lens.fx;
+  params.lens.cx = (options.width - 1) / 2.0;
+  params.lens.cy = (options.height - 1) / 2.0;
+  params.rendering.hidden_object = own_body;
+  params.drop_probability = options.drop_probability;
+  params.seed = options.seed;
+  params.vehicle = vehicle;
+  return params;
+}
+
+CameraData data_of(const CameraParams& params) {
+  const LensParams& lens = params.lens;
+  const auto& k = lens.coefficients;
+  return {lens.width, lens.height, VehiclePhysics::rate_hz / physics_steps, lens.fx, lens.fy, lens.cx, lens.cy,
+          {k[0], k[1], k[2], k[3], 0.0}, params.T_body_camera};
+}
+
+std::vector<float> depths(const Rasteriser& truth, const Eigen::Isometry3d& T_world_camera) {
+  const Eigen::Isometry3d T_camera_world = T_world_camera.inverse();
+  const LensParams& lens = truth.lens().params();
+  std::vector<float> all;
+  all.reserve(static_cast<std::size_t>(lens.width) * static_cast<std::size_t>(lens.height));
+  for (int v = 0; v < lens.height; ++v)
+    for (int u = 0; u < lens.width; ++u) {
+      const auto point = truth.world_point(u, v);
+      all.push_back(point ? static_cast<float>((T_camera_world * *point).z()) : 0.0F);
+    }
+  return all;
 }
 
 /// A vehicle with its driver and its sensors.
@@ -136,25 +176,35 @@ struct LiveSource::Impl {
       throw SetUpError("the " + std::to_string(options.vehicles) + " vehicles are further apart than route '" +
                        route.name + "' is long");
     distance_m = options.distance_m.value_or(options.duration_s ? 1e9 : line.length_m());
+    if (options.traffic) traffic.emplace(world, options.seed);
+    first_body = add_bodies(world, options.vehicles, options.seed);
     for (int number = 1; number <= options.vehicles; ++number) {
       driven.push_back(std::make_unique<Driven>(options, world, route, static_cast<std::uint32_t>(number)));
-      CameraData camera;
-      camera.width = options.width;
-      camera.height = options.height;
-      camera.fx = camera.fy = 0.8 * options.width;
-      camera.cx = 0.5 * (options.width - 1);
-      camera.cy = 0.5 * (options.height - 1);
-      vehicles.push_back({static_cast<std::uint32_t>(number), camera});
+      vehicles.push_back({static_cast<std::uint32_t>(number), data_of(camera_params(options, 1, std::nullopt))});
     }
   }
 
+  /// Cameras take long to make, so that who only asks for routes does without.
+  void open_cameras() {
+    if (!cameras.empty()) return;
+    cameras.resize(driven.size());
+    in_parallel([&](std::size_t i) {
+      cameras[i] = std::make_unique<Camera>(
+          world.scene, camera_params(options, driven[i]->number, first_body + static_cast<std::uint32_t>(i)));
+    });
+  }
+
   StepData next() {
+    open_cameras();
     StepData step;
     step.step = ++done;
     for (const auto& vehicle : driven) step.vehicles.push_back(vehicle->drive());
-    for (std::size_t i = 0; i < driven.size(); ++i) step.vehicles[i].frames.push_back(picture(i));
     step.time_s = driven.front()->physics.state().time_s;
     step.last = ends(step.time_s);
+    if (traffic) traffic->set(step.time_s);
+    for (std::size_t i = 0; i < driven.size(); ++i)
+      place_body(world, first_body + static_cast<std::uint32_t>(i), driven[i]->physics.state().T_world_body);
+    in_parallel([&](std::size_t i) { take_picture(i, step.vehicles[i]); });
     return step;
   }
 
@@ -164,23 +214,42 @@ struct LiveSource::Impl {
     return std::all_of(driven.begin(), driven.end(), [](const auto& v) { return v->follower.finished(); });
   }
 
-  FrameData picture(std::size_t i) {
+  void take_picture(std::size_t i, VehicleStep& step) {
+    const VehicleState& state = driven[i]->physics.state();
+    std::optional<Frame> taken = cameras[i]->take(state.T_world_body, done - 1);
+    if (!taken) return;  // dropped
     FrameData frame;
-    frame.frame = done - 1;
-    frame.stamp_s = driven[i]->physics.state().time_s;
-    frame.width = options.width;
-    frame.height = options.height;
-    Stream stream({options.seed, driven[i]->number, 99, done});
-    frame.grey.resize(static_cast<std::size_t>(frame.width) * static_cast<std::size_t>(frame.height));
-    for (auto& grey : frame.grey) grey = static_cast<std::uint8_t>(stream.below(256));
-    return frame;
+    frame.frame = taken->index;
+    frame.stamp_s = state.time_s;
+    frame.width = taken->image.width;
+    frame.height = taken->image.height;
+    frame.grey = std::move(taken->image.values);
+    if (options.depth) frame.depth_m = depths(cameras[i]->truth(), taken->T_world_camera);
+    step.frames.push_back(std::move(frame));
+  }
+
+  /// For each vehicle; what is done depends on nothing but its number.
+  template <class Work>
+  void in_parallel(const Work& work) const {
+    const std::size_t workers =
+        std::min<std::size_t>(driven.size(), std::max(1U, std::thread::hardware_concurrency()));
+    const auto share = [&](std::size_t first) {
+      for (std::size_t i = first; i < driven.size(); i += workers) work(i);
+    };
+    std::vector<std::future<void>> others;
+    for (std::size_t w = 1; w < workers; ++w) others.push_back(std::async(std::launch::async, share, w));
+    share(0);
+    for (auto& other : others) other.get();
   }
 
   const SimOptions options;
   World world;
   const Route& route;
   double distance_m = 0.0;
+  std::optional<Traffic> traffic;
+  std::uint32_t first_body = 0;  // object of vehicle 1
   std::vector<std::unique_ptr<Driven>> driven;
+  std::vector<std::unique_ptr<Camera>> cameras;
   std::vector<SourceVehicle> vehicles;
   std::uint32_t done = 0;
 };

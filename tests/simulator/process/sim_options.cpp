@@ -79,7 +79,7 @@ std::string fault_of(const SimOptions& options, const CLI::App& app) {
     return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";
   if (options.replay.empty()) return {};
   for (const char* of_world : {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap",
-                               "--offset", "--speed", "--duration", "--distance", "--camera", "--gps", "--truth-depth",
+                               "--offset", "--speed", "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth",
                                "--snapshot"})
     if (app.count(of_world) > 0) return std::string(of_world) + ": a recording is as it was; take it out";
   return {};
@@ -95,6 +95,8 @@ ParsedOptions parse_options(int argc, char** argv) {
   add_vehicles(app, options);
   std::string size;
   app.add_option("--camera", size, "pixels, like 640x480 (the default) or 512x384")->check(picture_size);
+  app.add_option("--drop", options.drop_probability, "share of the frames that the camera drops, 0 to 1 (default: 0.002)")
+      ->check(CLI::Range(0.0, 1.0));
   app.add_option("--gps", options.gps, "none (the default), standard or rtk")
       ->check(CLI::IsMember({"none", "standard", "rtk"}));
   app.add_flag("--truth-depth", options.depth, "the truth tells the distance of each pixel, too");
