@@ -5,8 +5,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include <cmath>
 #include <algorithm>
+#include <cmath>
 
 namespace convoy::simulator {
 namespace {
@@ -61,7 +61,8 @@ CameraData load_camera(const std::filesystem::path& path) {
     std::copy_n(distortion.ptr<double>(), 5, camera.distortion.begin());
     const cv::Mat pose = read_matrix(in, file, "T_body_camera", 4, 4);
     for (int row = 0; row < 4; ++row)
-      for (int column = 0; column < 4; ++column) camera.T_body_camera.matrix()(row, column) = pose.at<double>(row, column);
+      for (int column = 0; column < 4; ++column)
+        camera.T_body_camera.matrix()(row, column) = pose.at<double>(row, column);
   } catch (const cv::Exception& error) {
     throw SetUpError(file + ": " + error.err);
   }

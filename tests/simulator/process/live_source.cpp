@@ -53,13 +53,22 @@ TruthData truth_of(const VehicleState& state) {
 }
 
 OdometryData data_of(const OdometerReading& r) {
-  return {r.frame,      r.stamp_s,   r.left_ticks,
-          r.right_ticks, r.distance_m, r.speed_mps,
-          r.wheels_yaw_rate_radps, r.gyro_yaw_rate_radps, r.sigma_distance_m,
-          r.sigma_wheels_yaw_rate_radps, r.sigma_gyro_yaw_rate_radps};
+  return {r.frame,
+          r.stamp_s,
+          r.left_ticks,
+          r.right_ticks,
+          r.distance_m,
+          r.speed_mps,
+          r.wheels_yaw_rate_radps,
+          r.gyro_yaw_rate_radps,
+          r.sigma_distance_m,
+          r.sigma_wheels_yaw_rate_radps,
+          r.sigma_gyro_yaw_rate_radps};
 }
 
-std::array<double, 6> packed(const Eigen::Matrix3d& m) { return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)}; }
+std::array<double, 6> packed(const Eigen::Matrix3d& m) {
+  return {m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)};
+}
 
 std::array<double, 3> numbers_of(const Eigen::Vector3d& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -95,8 +104,15 @@ CameraParams camera_params(const SimOptions& options, std::uint32_t vehicle, std
 CameraData data_of(const CameraParams& params) {
   const LensParams& lens = params.lens;
   const auto& k = lens.coefficients;
-  return {lens.width, lens.height, VehiclePhysics::rate_hz / physics_steps, lens.fx, lens.fy, lens.cx, lens.cy,
-          {k[0], k[1], k[2], k[3], 0.0}, params.T_body_camera};
+  return {lens.width,
+          lens.height,
+          VehiclePhysics::rate_hz / physics_steps,
+          lens.fx,
+          lens.fy,
+          lens.cx,
+          lens.cy,
+          {k[0], k[1], k[2], k[3], 0.0},
+          params.T_body_camera};
 }
 
 std::vector<float> depths(const Rasteriser& truth, const Eigen::Isometry3d& T_world_camera) {
@@ -115,7 +131,8 @@ std::vector<float> depths(const Rasteriser& truth, const Eigen::Isometry3d& T_wo
 /// A vehicle with its driver and its sensors.
 struct Driven {
   Driven(const SimOptions& options, const World& world, const Route& route, std::uint32_t vehicle_number)
-      : number(vehicle_number), follower(route, follower_params(options, vehicle_number), params),
+      : number(vehicle_number),
+        follower(route, follower_params(options, vehicle_number), params),
         start(follower.start(options.gap_m * (options.vehicles - static_cast<double>(vehicle_number)))),
         physics(params, *world.ground, start.x_m, start.y_m, start.yaw_rad),
         odometer(OdometerParams(), params, options.seed, vehicle_number) {
@@ -231,8 +248,7 @@ struct LiveSource::Impl {
   /// For each vehicle; what is done depends on nothing but its number.
   template <class Work>
   void in_parallel(const Work& work) const {
-    const std::size_t workers =
-        std::min<std::size_t>(driven.size(), std::max(1U, std::thread::hardware_concurrency()));
+    const std::size_t workers = std::min<std::size_t>(driven.size(), std::max(1U, std::thread::hardware_concurrency()));
     const auto share = [&](std::size_t first) {
       for (std::size_t i = first; i < driven.size(); i += workers) work(i);
     };
@@ -254,7 +270,10 @@ struct LiveSource::Impl {
   std::uint32_t done = 0;
 };
 
-LiveSource::LiveSource(const SimOptions& options) : impl_(std::make_unique<Impl>(options)) {}
+LiveSource::LiveSource(const SimOptions& options) try : impl_(std::make_unique<Impl>(options)) {
+} catch (const std::invalid_argument& error) {  // a vehicle that cannot be put there
+  throw SetUpError(error.what());
+}
 LiveSource::~LiveSource() = default;
 
 const std::vector<SourceVehicle>& LiveSource::vehicles() const { return impl_->vehicles; }

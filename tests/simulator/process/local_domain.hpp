@@ -29,9 +29,9 @@ class LocalDomain {
 
   /// How samples are kept for readers.
   struct Keeping {
-    int samples = 0;            ///< the last so many of each vehicle
-    bool until_taken = false;   ///< a write waits while nobody takes; else the oldest go
-    double deadline_s = 0.0;    ///< for the write
+    int samples = 0;           ///< the last so many of each vehicle
+    bool until_taken = false;  ///< a write waits while nobody takes; else the oldest go
+    double deadline_s = 0.0;   ///< for the write
   };
   edds::DataWriter* writer(edds::TypeSupport type, const std::string& topic, const Keeping& keeping);
   /// Reliable; the last sample of each vehicle, late or not.

@@ -26,8 +26,8 @@ void make_folders(const std::filesystem::path& folder, const std::vector<SourceV
 }
 
 void write_note(const std::filesystem::path& file, const RunNote& note, const std::vector<SourceVehicle>& vehicles) {
-  nlohmann::ordered_json json{{"format", 1},           {"world", note.world},     {"attribution", note.attribution},
-                              {"seed", note.seed},     {"options", note.options}, {"step_s", note.step_s},
+  nlohmann::ordered_json json{{"format", 1},        {"world", note.world},     {"attribution", note.attribution},
+                              {"seed", note.seed},  {"options", note.options}, {"step_s", note.step_s},
                               {"vehicles", nullptr}};
   json["vehicles"] = nlohmann::json::array();
   for (const SourceVehicle& vehicle : vehicles) json["vehicles"].push_back(vehicle.vehicle);

@@ -35,8 +35,8 @@ Note read_note(const std::filesystem::path& file) {
   }
   if (!(note.run.step_s > 0.0 && note.run.step_s <= 10.0))
     throw SetUpError(file.string() + ": step_s must lie in (0, 10]");
-  const bool rising = std::adjacent_find(note.vehicles.begin(), note.vehicles.end(), std::greater_equal<>()) ==
-                      note.vehicles.end();
+  const bool rising =
+      std::adjacent_find(note.vehicles.begin(), note.vehicles.end(), std::greater_equal<>()) == note.vehicles.end();
   if (note.vehicles.empty() || !rising || note.vehicles.front() == 0)
     throw SetUpError(file.string() + ": 'vehicles' must be rising numbers from 1 on");
   return note;
@@ -84,9 +84,8 @@ OdometryData read_odometry(TableRow& row) {
   data.stamp_s = row.number();
   data.left_ticks = row.whole(-ticks, ticks);
   data.right_ticks = row.whole(-ticks, ticks);
-  for (double* value :
-       {&data.distance_m, &data.speed_mps, &data.wheels_yaw_rate_radps, &data.gyro_yaw_rate_radps,
-        &data.sigma_distance_m, &data.sigma_wheels_yaw_rate_radps, &data.sigma_gyro_yaw_rate_radps})
+  for (double* value : {&data.distance_m, &data.speed_mps, &data.wheels_yaw_rate_radps, &data.gyro_yaw_rate_radps,
+                        &data.sigma_distance_m, &data.sigma_wheels_yaw_rate_radps, &data.sigma_gyro_yaw_rate_radps})
     *value = row.number();
   return data;
 }

@@ -91,8 +91,8 @@ class Run {
   /// Waits until it is time for the step; false: told to stop.
   bool pace(const StepData& step) const {
     if (options_.lock_step) return true;
-    const auto due =
-        start_ + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(step.time_s / options_.rate));
+    const auto due = start_ + std::chrono::duration_cast<Clock::duration>(
+                                  std::chrono::duration<double>(step.time_s / options_.rate));
     while (Clock::now() < due) {
       if (stop_()) return false;
       std::this_thread::sleep_until(std::min(due, Clock::now() + std::chrono::milliseconds(100)));

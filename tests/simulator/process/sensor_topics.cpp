@@ -145,8 +145,8 @@ void SensorTopics::publish(const StepData& step) {
 bool SensorTopics::wait_for(const std::vector<std::uint32_t>& vehicles, std::uint32_t step,
                             const std::function<bool()>& stop) {
   using Clock = std::chrono::steady_clock;
-  const auto deadline =
-      Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(impl_->options.deadline_s));
+  const auto deadline = Clock::now() + std::chrono::duration_cast<Clock::duration>(
+                                           std::chrono::duration<double>(impl_->options.deadline_s));
   for (;;) {
     const auto now = Clock::now();
     const auto missing = impl_->answers.wait(vehicles, step == 0 ? 0 : impl_->run, step,
@@ -156,10 +156,10 @@ bool SensorTopics::wait_for(const std::vector<std::uint32_t>& vehicles, std::uin
     if (now < deadline) continue;
     char seconds[32];
     std::snprintf(seconds, sizeof seconds, "%g s", impl_->options.deadline_s);
-    throw DeadlineError(step == 0 ? listed(missing) + " did not appear on domain " +
-                                        std::to_string(impl_->options.sensor_domain) + " within " + seconds
-                                  : listed(missing) + " did not answer step " + std::to_string(step) + " within " +
-                                        seconds);
+    throw DeadlineError(step == 0
+                            ? listed(missing) + " did not appear on domain " +
+                                  std::to_string(impl_->options.sensor_domain) + " within " + seconds
+                            : listed(missing) + " did not answer step " + std::to_string(step) + " within " + seconds);
   }
 }
 

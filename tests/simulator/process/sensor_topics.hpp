@@ -13,7 +13,7 @@ namespace convoy::simulator {
 
 struct TopicOptions {
   std::uint32_t sensor_domain = 10, truth_domain = 11;  ///< 0..232, not the same
-  bool lock_step = false;   ///< nothing is lost: who does not take holds up the simulator, until the deadline
+  bool lock_step = false;  ///< nothing is lost: who does not take holds up the simulator, until the deadline
   double deadline_s = 30.0;
   bool depth = false;
 };

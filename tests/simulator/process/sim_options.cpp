@@ -78,9 +78,9 @@ std::string fault_of(const SimOptions& options, const CLI::App& app) {
   if (options.lock_step && app.count("--rate") > 0)
     return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";
   if (options.replay.empty()) return {};
-  for (const char* of_world : {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap",
-                               "--offset", "--speed", "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth",
-                               "--snapshot"})
+  for (const char* of_world :
+       {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap", "--offset", "--speed",
+        "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth", "--snapshot"})
     if (app.count(of_world) > 0) return std::string(of_world) + ": a recording is as it was; take it out";
   return {};
 }
@@ -90,12 +90,14 @@ std::string fault_of(const SimOptions& options, const CLI::App& app) {
 ParsedOptions parse_options(int argc, char** argv) {
   ParsedOptions parsed;
   SimOptions& options = parsed.options;
-  CLI::App app{"convoy sim: vehicles that drive in streets, and what they sense, as DDS topics on 127.0.0.1", "convoy sim"};
+  CLI::App app{"convoy sim: vehicles that drive in streets, and what they sense, as DDS topics on 127.0.0.1",
+               "convoy sim"};
   add_world(app, options);
   add_vehicles(app, options);
   std::string size;
   app.add_option("--camera", size, "pixels, like 640x480 (the default) or 512x384")->check(picture_size);
-  app.add_option("--drop", options.drop_probability, "share of the frames that the camera drops, 0 to 1 (default: 0.002)")
+  app.add_option("--drop", options.drop_probability,
+                 "share of the frames that the camera drops, 0 to 1 (default: 0.002)")
       ->check(CLI::Range(0.0, 1.0));
   app.add_option("--gps", options.gps, "none (the default), standard or rtk")
       ->check(CLI::IsMember({"none", "standard", "rtk"}));
@@ -103,7 +105,8 @@ ParsedOptions parse_options(int argc, char** argv) {
   add_topics(app, options);
   app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed");
   app.add_option("--replay", options.replay, "publish a recording instead of a world");
-  app.add_option("--snapshot", options.snapshot, "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
+  app.add_option("--snapshot", options.snapshot,
+                 "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -27,8 +27,8 @@ struct SimOptions {
   // What they sense.
   int width = 640, height = 480;
   double drop_probability = 0.002;  ///< of a frame, 0 to 1
-  std::string gps = "none";  ///< none, standard, rtk
-  bool depth = false;        ///< TruthDepth as well
+  std::string gps = "none";         ///< none, standard, rtk
+  bool depth = false;               ///< TruthDepth as well
 
   // Who is told, and when.
   std::uint32_t sensor_domain = 10, truth_domain = 11;

@@ -34,8 +34,7 @@ class TableWriter {
 /// One row; fields are asked for in order. Each throws SetUpError with file and line for what it is not.
 class TableRow {
  public:
-  TableRow(std::string where, std::vector<std::string> fields)
-      : where_(std::move(where)), fields_(std::move(fields)) {}
+  TableRow(std::string where, std::vector<std::string> fields) : where_(std::move(where)), fields_(std::move(fields)) {}
   double number();
   std::int64_t whole(std::int64_t low, std::int64_t high);
   std::string text();

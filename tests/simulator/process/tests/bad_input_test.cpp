@@ -32,9 +32,9 @@ TEST(Options, AreChecked) {
   expect_refused("--replay x --record y", "exclude each other");
   expect_refused("--replay x --seed 2", "--seed");
   expect_refused("--fast", "--fast");
-  expect_refused("--route nowhere --list-routes --camera 64x48", "no route 'nowhere'");
-  expect_refused("--lock-step --vehicles 1 --wait-for 2 --camera 64x48", "there are only 1 vehicles");
-  expect_refused("--route through --vehicles 100 --camera 64x48", "further apart than route");
+  expect_refused("--route nowhere --list-routes" + block, "no route 'nowhere'");
+  expect_refused("--lock-step --vehicles 1 --wait-for 2" + block, "there are only 1 vehicles");
+  expect_refused("--offset -20 --duration 1 --lock-step --wait-for 0" + block, "offset");
 }
 
 TEST(World, ThatIsNoneIsRefused) {
@@ -42,13 +42,14 @@ TEST(World, ThatIsNoneIsRefused) {
   expect_refused("--world " + (scratch / "none.osm").string(), "none.osm");
   write_text(scratch / "bad.osm", "this is no map");
   expect_refused("--world " + (scratch / "bad.osm").string(), "bad.osm");
+  expect_refused("--world " + (scratch / ".").string(), "convoy sim: ");
 }
 
 class BadRecording : public ::testing::Test {
  protected:
   void SetUp() override {
-    const Outcome outcome = run_sim("--camera 64x48 --gps standard --duration 1 --lock-step --wait-for 0 --record " +
-                                    folder().string() + domains_of_this_test());
+    const Outcome outcome = run_sim("--gps standard --duration 1 --lock-step --wait-for 0 --record " +
+                                    folder().string() + block + domains_of_this_test());
     ASSERT_EQ(outcome.status, 0) << outcome.output;
   }
   fs::path folder() const { return scratch_ / "recording"; }
@@ -79,12 +80,14 @@ std::function<std::string(std::string)> line_is(std::size_t number, const std::s
 TEST_F(BadRecording, IsRefusedWithFileAndLine) {
   const auto nothing = [](const std::string&) { return std::string(); };
   expect_refused_with("run.json", nothing, "run.json: ");
-  expect_refused_with("run.json", [](std::string s) { return s.replace(s.find("\"format\": 1"), 11, "\"format\": 2"); },
-                      "of another version");
+  expect_refused_with(
+      "run.json", [](std::string s) { return s.replace(s.find("\"format\": 1"), 11, "\"format\": 2"); },
+      "of another version");
   expect_refused_with("vehicle_1/camera.yaml", nothing, "camera.yaml");
-  expect_refused_with("vehicle_1/camera.yaml",
-                      [](std::string s) { return s.replace(s.find("image_width: 64"), 15, "image_width: 65"); },
-                      "000000.png is 64 x 48, not 65 x 48");
+  expect_refused_with(
+      "vehicle_1/camera.yaml",
+      [](std::string s) { return s.replace(s.find("image_width: 64"), 15, "image_width: 65"); },
+      "000000.png is 64 x 48, not 65 x 48");
   expect_refused_with("vehicle_1/frames.csv", nothing, "frames.csv:1: the file is empty");
   expect_refused_with("vehicle_1/frames.csv", line_is(1, "frame,stamp"), "frames.csv:1: the header is");
   expect_refused_with("vehicle_1/frames.csv", line_is(4, "3,2,0.3"), "frames.csv:4: 3 fields instead of 4");
@@ -96,18 +99,17 @@ TEST_F(BadRecording, IsRefusedWithFileAndLine) {
   expect_refused_with("vehicle_1/truth.csv", line_is(5, lines_of(read_text(folder() / "vehicle_1/truth.csv"))[5]),
                       "truth.csv:5: this row should be of step 4");
   expect_refused_with("vehicle_1/odometry.csv", line_is(3, "1,-1,0,0,0,0,0,0,0,0,0,0"), "odometry.csv:3: field 2");
-  expect_refused_with("vehicle_1/gps.csv",
-                      [](std::string s) { return s.replace(s.find("standard"), 8, "galileo"); },
-                      "gps.csv:2: 'galileo' is no kind of GPS");
-  expect_refused_with("vehicle_1/gps.csv", [](std::string s) { return s.replace(s.find(",1,"), 3, ",nan,"); },
-                      "gps.csv:");
+  expect_refused_with(
+      "vehicle_1/gps.csv", [](std::string s) { return s.replace(s.find("standard"), 8, "galileo"); },
+      "gps.csv:2: 'galileo' is no kind of GPS");
+  expect_refused_with(
+      "vehicle_1/gps.csv", [](std::string s) { return s.replace(s.find(",1,"), 3, ",nan,"); }, "gps.csv:");
   fs::remove(folder() / "vehicle_1/odometry.csv");
   expect_refused("--lock-step --wait-for 0 --replay " + folder().string(), "odometry.csv cannot be read");
 }
 
 TEST_F(BadRecording, IsNotWrittenOverAnother) {
-  expect_refused("--camera 64x48 --duration 1 --lock-step --wait-for 0 --record " + folder().string() +
-                     domains_of_this_test(),
+  expect_refused("--duration 1 --lock-step --wait-for 0 --record " + folder().string() + block + domains_of_this_test(),
                  "there is something already");
 }
 

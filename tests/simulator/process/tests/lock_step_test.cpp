@@ -14,17 +14,17 @@ namespace {
 
 using std::chrono::steady_clock;
 
-constexpr auto small = " --camera 64x48 --gps rtk --duration 2 --lock-step";
+const std::string small = block + " --gps rtk --duration 2 --lock-step";
 
 /// A run with vehicles, and what each of them says.
 struct Fleet {
   Fleet(const std::string& sim_arguments, const std::vector<std::string>& vehicle_arguments) {
     sim = std::make_unique<Process>(sim_command(sim_arguments + domains_of_this_test()), scratch / "sim");
     for (std::size_t i = 0; i < vehicle_arguments.size(); ++i)
-      vehicles.push_back(std::make_unique<Process>(
-          vehicle_command("--domain " + std::to_string(domain_of_this_test()) + " --vehicle " + std::to_string(i + 1) +
-                          " " + vehicle_arguments[i]),
-          scratch / ("vehicle_" + std::to_string(i + 1))));
+      vehicles.push_back(
+          std::make_unique<Process>(vehicle_command("--domain " + std::to_string(domain_of_this_test()) +
+                                                    " --vehicle " + std::to_string(i + 1) + " " + vehicle_arguments[i]),
+                                    scratch / ("vehicle_" + std::to_string(i + 1))));
   }
   void expect_success() {
     EXPECT_EQ(sim->wait(), 0) << sim->output();
@@ -44,54 +44,54 @@ std::size_t steps_of(const std::string& said) {
 }
 
 TEST(LockStep, IsTheSameFromOneProcessToTheNextHoweverSlowTheVehicles) {
-  Fleet first(std::string("--vehicles 2 --seed 7") + small, {"", ""});
+  Fleet first("--vehicles 2 --seed 7" + small, {"", ""});
   first.expect_success();
   EXPECT_EQ(steps_of(first.said(1)), 20U) << first.said(1);
   EXPECT_NE(first.said(1), first.said(2));
   EXPECT_NE(first.said(1).find("frame 0"), std::string::npos);
   EXPECT_NE(first.said(1).find("camera 64x48"), std::string::npos);
 
-  Fleet again(std::string("--vehicles 2 --seed 7") + small, {"--delay-ms 40", "--delay-ms 3"});
+  Fleet again("--vehicles 2 --seed 7" + small, {"--delay-ms 40", "--delay-ms 3"});
   again.expect_success();
   EXPECT_EQ(first.said(1), again.said(1));
   EXPECT_EQ(first.said(2), again.said(2));
   EXPECT_EQ(first.sim->output(), again.sim->output());
 
-  Fleet other(std::string("--vehicles 2 --seed 8") + small, {"", ""});
+  Fleet other("--vehicles 2 --seed 8" + small, {"", ""});
   other.expect_success();
   EXPECT_NE(first.said(1), other.said(1));
 }
 
 TEST(LockStep, NamesTheVehicleThatDoesNotAnswer) {
-  Fleet fleet(std::string("--vehicles 2 --deadline 1.5") + small, {"", "--silent-from 3"});
+  Fleet fleet("--vehicles 2 --deadline 4" + small, {"", "--silent-from 3"});
   EXPECT_EQ(fleet.sim->wait(), 1);
-  EXPECT_NE(fleet.sim->output().find("vehicle 2 did not answer step 3 within 1.5 s"), std::string::npos)
+  EXPECT_NE(fleet.sim->output().find("vehicle 2 did not answer step 3 within 4 s"), std::string::npos)
       << fleet.sim->output();
   EXPECT_EQ(steps_of(fleet.said(1)), 3U);
 }
 
 TEST(LockStep, NamesTheVehicleThatDoesNotAppear) {
-  Fleet fleet(std::string("--vehicles 3 --wait-for 3 --deadline 2") + small, {"", ""});
+  Fleet fleet("--vehicles 3 --wait-for 3 --deadline 4" + small, {"", ""});
   EXPECT_EQ(fleet.sim->wait(), 1);
   EXPECT_NE(fleet.sim->output().find("vehicle 3 did not appear on domain"), std::string::npos) << fleet.sim->output();
   EXPECT_EQ(steps_of(fleet.said(1)), 0U);
 }
 
 TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
-  Fleet fleet(std::string("--vehicles 2 --wait-for 1") + small, {""});
+  Fleet fleet("--vehicles 2 --wait-for 1" + small, {""});
   fleet.expect_success();
   EXPECT_EQ(steps_of(fleet.said(1)), 20U);
 }
 
 TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
-  Fleet fleet(std::string("--deadline 2") + small, {"--garbage 1"});
+  Fleet fleet("--deadline 2" + small, {"--garbage 1"});
   EXPECT_EQ(fleet.sim->wait(), 1);
   EXPECT_NE(fleet.sim->output().find("vehicle 1 did not appear"), std::string::npos) << fleet.sim->output();
 }
 
 TEST(WallClock, KeepsToTheRate) {
   const auto start = steady_clock::now();
-  Fleet fleet("--camera 64x48 --duration 3 --rate 2 --wait-for 1", {""});
+  Fleet fleet("--duration 3 --rate 2 --wait-for 1" + block, {""});
   fleet.expect_success();
   EXPECT_GE(steady_clock::now() - start, std::chrono::milliseconds(1500));
   EXPECT_EQ(steps_of(fleet.said(1)), 30U);
@@ -119,7 +119,7 @@ TEST(Recording, ReplayedIsWhatItWas) {
 TEST(Recording, EndsWithARunThatIsEnded) {
   const ScratchFolder scratch;
   const std::string folder = (scratch / "recording").string();
-  Fleet live("--record " + folder + " --camera 64x48 --duration 1000 --rate 5", {});
+  Fleet live("--record " + folder + " --duration 1000 --rate 5" + block, {});
   const auto rows = [&] { return lines_of(read_text(scratch / "recording/vehicle_1/truth.csv")).size(); };
   for (const auto deadline = steady_clock::now() + std::chrono::seconds(20);
        rows() < 4 && steady_clock::now() < deadline;)

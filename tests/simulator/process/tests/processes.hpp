@@ -45,6 +45,9 @@ struct Outcome {
   std::string output;
 };
 
+/// A world that is quickly built, as options of convoy-sim.
+inline const std::string block = " --drop 0 --camera 64x48 --world " CONVOY_SIM_TEST_MAP;
+
 /// convoy-sim with the words of `arguments`, to its end.
 Outcome run_sim(const std::string& arguments);
 std::vector<std::string> sim_command(const std::string& arguments);
