@@ -34,7 +34,6 @@ TEST(Options, AreChecked) {
   expect_refused("--fast", "--fast");
   expect_refused("--route nowhere --list-routes" + block, "no route 'nowhere'");
   expect_refused("--lock-step --vehicles 1 --wait-for 2" + block, "there are only 1 vehicles");
-  expect_refused("--offset -20 --duration 1 --lock-step --wait-for 0" + block, "offset");
 }
 
 TEST(World, ThatIsNoneIsRefused) {

@@ -89,6 +89,17 @@ TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
   EXPECT_NE(fleet.sim->output().find("vehicle 1 did not appear"), std::string::npos) << fleet.sim->output();
 }
 
+TEST(Topics, AreOnTheLoopbackDeviceAlone) {
+  Fleet fleet("--rate 1 --duration 1000" + block, {""});
+  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  while (steps_of(fleet.said(1)) == 0 && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  const std::vector<std::string> addresses = fleet.sim->udp_addresses();
+  EXPECT_GE(addresses.size(), 6U) << "the sockets of two participants were expected here";
+  for (const std::string& address : addresses)
+    EXPECT_TRUE(address == "0100007F" || address == "0100FFEF") << address << ": neither 127.0.0.1 nor 239.255.0.1";
+}
+
 TEST(WallClock, KeepsToTheRate) {
   const auto start = steady_clock::now();
   Fleet fleet("--duration 3 --rate 2 --wait-for 1" + block, {""});

@@ -11,6 +11,7 @@
 #include <chrono>
 #include <cstdlib>
 #include <fstream>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
@@ -69,6 +70,24 @@ int Process::wait(double deadline_s) {
 }
 
 void Process::send(int signal) const { kill(pid_, signal); }
+
+std::vector<std::string> Process::udp_addresses() const {
+  const std::string of_process = "/proc/" + std::to_string(pid_);
+  std::set<std::string> sockets;
+  for (const auto& entry : std::filesystem::directory_iterator(of_process + "/fd")) {
+    std::error_code gone;
+    const std::string target = std::filesystem::read_symlink(entry.path(), gone).string();
+    if (target.starts_with("socket:[")) sockets.insert(target.substr(8, target.size() - 9));
+  }
+  std::vector<std::string> addresses;
+  for (const std::string& line : lines_of(read_text(of_process + "/net/udp"))) {
+    std::istringstream words(line);
+    std::string word[10];
+    for (std::string& w : word) words >> w;
+    if (sockets.contains(word[9])) addresses.push_back(word[1].substr(0, 8));
+  }
+  return addresses;
+}
 
 std::string Process::output() const { return read_text(output_); }
 

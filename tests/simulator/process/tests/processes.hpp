@@ -32,6 +32,8 @@ class Process {
   /// Its exit status; -signal if it was ended by one, -1000 if it still runs after the deadline.
   int wait(double deadline_s = 30.0);
   void send(int signal) const;
+  /// Local addresses of its UDP sockets, as /proc/net/udp writes them (127.0.0.1 is 0100007F).
+  std::vector<std::string> udp_addresses() const;
   std::string output() const;
 
  private:
