@@ -93,7 +93,7 @@ float MipTexture::at_level(float u, float v, int level) const {
   return static_cast<float>(levels_[index].tap(fixed(u), fixed(v))) * (1.0F / 256.0F);
 }
 
-MipTexture::Taps MipTexture::taps(const PixelFootprint& footprint, const Filter& filter) const {
+MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filter) const {
   const auto texels2 = [this](float u, float v) { return u * u * texels_per_u2_ + v * v * texels_per_v2_; };
   float along_u = footprint.u_x, along_v = footprint.v_x;
   float longer = texels2(along_u, along_v), shorter = texels2(footprint.u_y, footprint.v_y);

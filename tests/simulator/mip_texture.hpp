@@ -9,7 +9,7 @@
 namespace convoy::simulator {
 
 /// How far a pixel's two sides go on a texture, in repeats of it.
-struct PixelFootprint {
+struct Footprint {
   float u_x = 0.0F, v_x = 0.0F;  ///< to the next pixel of the row
   float u_y = 0.0F, v_y = 0.0F;  ///< to the next row
 };
@@ -28,7 +28,7 @@ class MipTexture {
   /// Where to look for the average over a footprint, relative to its middle; neighbouring pixels may share it.
   struct Taps;
   /// Trilinear taps along the longer side of the footprint (as EXT_texture_filter_anisotropic has it).
-  Taps taps(const PixelFootprint& footprint, const Filter& filter) const;
+  Taps taps(const Footprint& footprint, const Filter& filter) const;
   /// Grey about (u, v), 0 to 255.
   static float sample(float u, float v, const Taps& taps);
   /// Grey at (u, v), 0 to 255, between its neighbours of one level, which is held within what there is.
