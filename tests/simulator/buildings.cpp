@@ -20,7 +20,7 @@ struct Edge {
 class Blocks {
  public:
   explicit Blocks(const StreetPlan& plan) : plan_(plan) {
-    for (const Footprint& footprint : plan.footprints) {
+    for (const Outline& footprint : plan.footprints) {
       Eigen::AlignedBox2d box;
       for (const auto& corner : footprint.corners) box.extend(corner);
       boxes_.push_back(box);
@@ -44,7 +44,8 @@ class Blocks {
       const auto& corners = plan_.footprints[i].corners;
       for (std::size_t k = 0; k < corners.size(); ++k) {
         const Eigen::Vector2d &a = corners[k], &b = corners[(k + 1) % corners.size()];
-        if (cross(to - from, a - from) * cross(to - from, b - from) < 0.0 && cross(b - a, from - a) * cross(b - a, to - a) < 0.0)
+        if (cross(to - from, a - from) * cross(to - from, b - from) < 0.0 &&
+            cross(b - a, from - a) * cross(b - a, to - a) < 0.0)
           return false;
       }
     }
@@ -63,7 +64,8 @@ bool in_sight(const Blocks& blocks, const std::vector<Eigen::Vector2d>& viewpoin
     const Eigen::Vector2d point = edge.a + share * (edge.b - edge.a) + 0.05 * edge.outward;
     for (const Eigen::Vector2d& viewpoint : viewpoints) {
       const Eigen::Vector2d away = viewpoint - point;
-      if (away.dot(edge.outward) > 0.1 && away.squaredNorm() < reach_m * reach_m && blocks.sees(point, viewpoint)) return true;
+      if (away.dot(edge.outward) > 0.1 && away.squaredNorm() < reach_m * reach_m && blocks.sees(point, viewpoint))
+        return true;
     }
   }
   return false;
@@ -74,18 +76,24 @@ void add_cornice(SceneBuilder& scene, TextureId texture, const Edge& edge, doubl
   constexpr double out_m = 0.28, high_m = 0.42, over_m = 0.2;
   const Eigen::Vector2d along = (edge.b - edge.a) / edge.length;
   const auto at = [&](bool right, double out, double up) {
-    const Eigen::Vector2d place = (right ? Eigen::Vector2d(edge.b + over_m * along) : Eigen::Vector2d(edge.a - over_m * along)) + out * edge.outward;
+    const Eigen::Vector2d place =
+        (right ? Eigen::Vector2d(edge.b + over_m * along) : Eigen::Vector2d(edge.a - over_m * along)) +
+        out * edge.outward;
     const double u = right ? edge.length / 2.0 : 0.0;
-    return Corner{Eigen::Vector3d(place.x(), place.y(), top + up).cast<float>(), Eigen::Vector2d(u, -up / 2.0 + out).cast<float>()};
+    return Corner{Eigen::Vector3d(place.x(), place.y(), top + up).cast<float>(),
+                  Eigen::Vector2d(u, -up / 2.0 + out).cast<float>()};
   };
   Mesh mesh;
   mesh.texture = texture, mesh.shade = shade_of(edge.outward);
-  add_polygon(mesh, {at(false, out_m, 0.1 - high_m), at(true, out_m, 0.1 - high_m), at(true, out_m, 0.1), at(false, out_m, 0.1)});
+  add_polygon(mesh, {at(false, out_m, 0.1 - high_m), at(true, out_m, 0.1 - high_m), at(true, out_m, 0.1),
+                     at(false, out_m, 0.1)});
   Mesh below = mesh;
   below.vertices.clear(), below.triangles.clear();
   below.shade = 0.5F;
-  add_polygon(below, {at(false, 0.0, -high_m), at(true, 0.0, -high_m), at(true, out_m, 0.1 - high_m), at(false, out_m, 0.1 - high_m)});
-  add_polygon(mesh, {at(false, 0.0, -high_m), at(false, out_m, 0.1 - high_m), at(false, out_m, 0.1), at(false, 0.0, 0.1)});
+  add_polygon(below, {at(false, 0.0, -high_m), at(true, 0.0, -high_m), at(true, out_m, 0.1 - high_m),
+                      at(false, out_m, 0.1 - high_m)});
+  add_polygon(mesh,
+              {at(false, 0.0, -high_m), at(false, out_m, 0.1 - high_m), at(false, out_m, 0.1), at(false, 0.0, 0.1)});
   add_polygon(mesh, {at(true, out_m, 0.1 - high_m), at(true, 0.0, -high_m), at(true, 0.0, 0.1), at(true, out_m, 0.1)});
   scene.add(std::move(mesh));
   scene.add(std::move(below));
@@ -94,10 +102,12 @@ void add_cornice(SceneBuilder& scene, TextureId texture, const Edge& edge, doubl
 void add_blank(SceneBuilder& scene, TextureId texture, const Edge& edge, double base, double height) {
   const double tile = FacadePainter::blank_tile_m, foot = FacadePainter::foot_m;
   const auto at = [&](const Eigen::Vector2d& p, double u, double up) {
-    return Corner{Eigen::Vector3d(p.x(), p.y(), base + up).cast<float>(), Eigen::Vector2d(u / tile, (height - up) / tile).cast<float>()};
+    return Corner{Eigen::Vector3d(p.x(), p.y(), base + up).cast<float>(),
+                  Eigen::Vector2d(u / tile, (height - up) / tile).cast<float>()};
   };
   Mesh& mesh = scene.piece(texture, edge.a.x(), edge.a.y(), 0.0F, shade_of(edge.outward));
-  add_polygon(mesh, {at(edge.a, 0.0, -foot), at(edge.b, edge.length, -foot), at(edge.b, edge.length, height), at(edge.a, 0.0, height)});
+  add_polygon(mesh, {at(edge.a, 0.0, -foot), at(edge.b, edge.length, -foot), at(edge.b, edge.length, height),
+                     at(edge.a, 0.0, height)});
 }
 
 }  // namespace
@@ -113,7 +123,8 @@ void add_buildings(SceneBuilder& scene, const GroundMesh& ground, const StreetPl
   const Blocks blocks(plan);
   std::array<TextureId, n_facade_styles> blanks{};
   Stream blank_random({seed, 0, 40, 0});
-  for (std::size_t i = 0; i < blanks.size(); ++i) blanks[i] = scene.add(painter.paint_blank(facade_style(i), blank_random));
+  for (std::size_t i = 0; i < blanks.size(); ++i)
+    blanks[i] = scene.add(painter.paint_blank(facade_style(i), blank_random));
   Stream stone_random({seed, 0, 41, 0});
   FacadeStyle stone = facade_style(3);
   stone.wall = FacadeStyle::Wall::kPlaster, stone.grey = 186.0;
@@ -124,7 +135,7 @@ void add_buildings(SceneBuilder& scene, const GroundMesh& ground, const StreetPl
     viewpoints.insert(viewpoints.end(), points.begin(), points.end());
   }
   for (std::size_t f = 0; f < plan.footprints.size(); ++f) {
-    const Footprint& footprint = plan.footprints[f];
+    const Outline& footprint = plan.footprints[f];
     Stream looks({seed, 0, 42, footprint.id});
     const std::size_t which = looks.below(n_facade_styles);
     const FacadeStyle& style = facade_style(which);
@@ -138,9 +149,10 @@ void add_buildings(SceneBuilder& scene, const GroundMesh& ground, const StreetPl
       if (edge.length < 0.02) continue;
       edge.outward = Eigen::Vector2d(edge.b.y() - edge.a.y(), edge.a.x() - edge.b.x()) / edge.length;
       const Eigen::Vector2d middle = (edge.a + edge.b) / 2;
-      const double neighbour = std::min(blocks.height_at(middle + 0.4 * edge.outward, f),
-                                        std::min(blocks.height_at(edge.a + 0.15 * (edge.b - edge.a) + 0.4 * edge.outward, f),
-                                                 blocks.height_at(edge.a + 0.85 * (edge.b - edge.a) + 0.4 * edge.outward, f)));
+      const double neighbour =
+          std::min(blocks.height_at(middle + 0.4 * edge.outward, f),
+                   std::min(blocks.height_at(edge.a + 0.15 * (edge.b - edge.a) + 0.4 * edge.outward, f),
+                            blocks.height_at(edge.a + 0.85 * (edge.b - edge.a) + 0.4 * edge.outward, f)));
       if (neighbour >= footprint.height_m) continue;
       const double away = std::min({routes.distance_m(middle), routes.distance_m(edge.a), routes.distance_m(edge.b)});
       if (neighbour > 0.0 || edge.length < 2.2 || away >= detail.middle_m) {
@@ -150,7 +162,8 @@ void add_buildings(SceneBuilder& scene, const GroundMesh& ground, const StreetPl
       Stream random({seed, static_cast<std::uint32_t>(i) + 1, 43, footprint.id});
       const FacadePlan front = plan_facade(style, edge.length, footprint.height_m, random);
       const bool close = away < detail.close_m && in_sight(blocks, viewpoints, edge);
-      const TextureId texture = scene.add(painter.paint(style, front, close ? detail.close_texel_m : detail.middle_texel_m, random));
+      const TextureId texture =
+          scene.add(painter.paint(style, front, close ? detail.close_texel_m : detail.middle_texel_m, random));
       const float shade = shade_of(edge.outward);
       close ? add_facade(scene, texture, front, edge.a, edge.b, base, shade)
             : add_flat_facade(scene, texture, front, edge.a, edge.b, base, shade);

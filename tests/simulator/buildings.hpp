@@ -13,7 +13,7 @@ struct DetailParams {
   double middle_m = 140.0;      ///< fronts within this: a coarse texture; blank walls beyond; >= close_m
   double close_texel_m = 0.02;  ///< 0.01 to 0.05
   double middle_texel_m = 0.08;
-  double furniture_m = 120.0;   ///< cars, trees and poles within this of a route; >= 0
+  double furniture_m = 120.0;  ///< cars, trees and poles within this of a route; >= 0
 };
 
 /// Draws the walls of every footprint of the plan. Same footprint, id and seed: same looks.

@@ -56,10 +56,12 @@ class Rows {
       const double notch = random_.uniform(0.8, 1.8), height = 4.4 + 3.2 * (storeys - 1) + random_.uniform(-0.2, 0.5);
       double taken = 0.0;
       for (double tried = std::min(width, length - s); tried >= 8.0 && taken == 0.0; tried -= 2.0) {
-        Polyline lot = lot_of(street, side, s, tried, street.half_width_m + 3.4 + setback, depth, notched ? notch : 0.0);
+        Polyline lot =
+            lot_of(street, side, s, tried, street.half_width_m + 3.4 + setback, depth, notched ? notch : 0.0);
         if (!fits(lot)) continue;
         taken = tried;
-        if (!gap) plan_.footprints.push_back({std::move(lot), height, static_cast<std::uint32_t>(plan_.footprints.size() + 1)});
+        if (!gap)
+          plan_.footprints.push_back({std::move(lot), height, static_cast<std::uint32_t>(plan_.footprints.size() + 1)});
       }
       s += taken > 0.0 ? taken : 1.0;
     }
@@ -92,17 +94,18 @@ class Rows {
     const Polyline rim = resampled(lot, 1.0, true);
     Eigen::Vector2d middle = Vector2d::Zero();
     for (const Vector2d& point : rim) middle += point / static_cast<double>(rim.size());
-    return std::all_of(rim.begin(), rim.end(), [&](const Vector2d& edge) {
-      const Vector2d point = middle + 0.985 * (edge - middle);
-      if (network_.beyond_kerb_m(edge) < 2.6) return false;
-      return std::none_of(plan_.footprints.begin(), plan_.footprints.end(), [&](const Footprint& other) {
-        return contains(other.corners, point);
-      });
-    }) && std::none_of(plan_.footprints.begin(), plan_.footprints.end(), [&](const Footprint& other) {
-      return std::any_of(other.corners.begin(), other.corners.end(), [&](const Vector2d& corner) {
-        return contains(lot, middle + 1.03 * (corner - middle));
-      });
-    });
+    return std::all_of(rim.begin(), rim.end(),
+                       [&](const Vector2d& edge) {
+                         const Vector2d point = middle + 0.985 * (edge - middle);
+                         if (network_.beyond_kerb_m(edge) < 2.6) return false;
+                         return std::none_of(plan_.footprints.begin(), plan_.footprints.end(),
+                                             [&](const Outline& other) { return contains(other.corners, point); });
+                       }) &&
+           std::none_of(plan_.footprints.begin(), plan_.footprints.end(), [&](const Outline& other) {
+             return std::any_of(other.corners.begin(), other.corners.end(), [&](const Vector2d& corner) {
+               return contains(lot, middle + 1.03 * (corner - middle));
+             });
+           });
   }
 
   StreetPlan& plan_;
@@ -185,7 +188,8 @@ StreetPlan plan_district(std::uint32_t seed, const DistrictParams& params) {
         const double height = 4.4 + 3.2 * (2 + random.below(4));
         plan.footprints.push_back({{front + 16.0 * k * side, front + 16.0 * k * side + 12.0 * ahead,
                                     front + 16.0 * (k + 1) * side + 12.0 * ahead, front + 16.0 * (k + 1) * side},
-                                   height, static_cast<std::uint32_t>(plan.footprints.size() + 1)});
+                                   height,
+                                   static_cast<std::uint32_t>(plan.footprints.size() + 1)});
         Polyline& corners = plan.footprints.back().corners;
         if (signed_area_m2(corners) < 0.0) std::reverse(corners.begin(), corners.end());
       }

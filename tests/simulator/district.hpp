@@ -6,10 +6,10 @@
 namespace convoy::simulator {
 
 struct DistrictParams {
-  double width_m = 150.0;       ///< of the loop's rectangle, west to east; 120 to 200
-  double depth_m = 105.0;       ///< south to north; 80 to 150
-  double half_width_m = 6.6;    ///< of the streets, parked cars included; 5.5 to 8
-  double gap_share = 0.06;      ///< of house lots that are empty; 0 to 0.5
+  double width_m = 150.0;     ///< of the loop's rectangle, west to east; 120 to 200
+  double depth_m = 105.0;     ///< south to north; 80 to 150
+  double half_width_m = 6.6;  ///< of the streets, parked cars included; 5.5 to 8
+  double gap_share = 0.06;    ///< of house lots that are empty; 0 to 0.5
   DetailParams detail;
 };
 

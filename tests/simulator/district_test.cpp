@@ -51,7 +51,7 @@ TEST(District, HasRoutesThatACarCanDrive) {
 TEST(District, HousesDoNotOverlap) {
   const StreetPlan plan = plan_district(3);
   EXPECT_GT(plan.footprints.size(), 40U);
-  for (const Footprint& a : plan.footprints) {
+  for (const Outline& a : plan.footprints) {
     EXPECT_GT(signed_area_m2(a.corners), 0.0);
     EXPECT_FALSE(crosses_itself(a.corners));
   }
@@ -110,7 +110,8 @@ TEST(District, DrawnGroundIsTheDrivenOne) {
 TEST(District, RefusesParametersOutOfRange) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   for (const double value : {0.0, -1.0, 1e9, nan}) {
-    for (double DistrictParams::* member : {&DistrictParams::width_m, &DistrictParams::depth_m, &DistrictParams::half_width_m}) {
+    for (double DistrictParams::*member :
+         {&DistrictParams::width_m, &DistrictParams::depth_m, &DistrictParams::half_width_m}) {
       DistrictParams params;
       params.*member = value;
       EXPECT_THROW(plan_district(1, params), std::runtime_error) << value;

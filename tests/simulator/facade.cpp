@@ -39,8 +39,8 @@ FacadePlan plan_facade(const FacadeStyle& style, double width_m, double height_m
     } else if (kind > 0.93 && style.pitch_m > 2.7) {
       plan.openings.push_back({Opening::Kind::kGarage, middle - 1.2, middle + 1.2, 0.1, std::min(head, 2.4)});
     } else {
-      plan.openings.push_back({Opening::Kind::kWindow, middle - half, middle + half, 1.2,
-                               std::min(head, 1.2 + style.window_height_m)});
+      plan.openings.push_back(
+          {Opening::Kind::kWindow, middle - half, middle + half, 1.2, std::min(head, 1.2 + style.window_height_m)});
     }
     for (double floor = style.ground_storey_m; floor + style.storey_m < height_m + 0.1; floor += style.storey_m) {
       const double z0 = floor + style.sill_m, z1 = std::min(z0 + style.window_height_m, height_m - 0.5);
@@ -58,7 +58,11 @@ struct Wall {
   double z, width, height;
 
   Wall(const FacadePlan& plan, const Eigen::Vector2d& from, const Eigen::Vector2d& to, double base)
-      : a(from), along((to - from).normalized()), inward(-along.y(), along.x()), z(base), width((to - from).norm()),
+      : a(from),
+        along((to - from).normalized()),
+        inward(-along.y(), along.x()),
+        z(base),
+        width((to - from).norm()),
         height(plan.height_m) {}
 
   Corner at(double x, double up, double depth, double texture_x, double texture_up) const {
@@ -73,7 +77,8 @@ struct Wall {
 
 std::vector<double> cuts_of(std::vector<double> values) {
   std::sort(values.begin(), values.end());
-  values.erase(std::unique(values.begin(), values.end(), [](double p, double q) { return q - p < 1e-6; }), values.end());
+  values.erase(std::unique(values.begin(), values.end(), [](double p, double q) { return q - p < 1e-6; }),
+               values.end());
   return values;
 }
 
@@ -109,9 +114,8 @@ void add_facade(SceneBuilder& scene, TextureId texture, const FacadePlan& plan, 
   for (std::size_t i = 0; i + 1 < xs.size(); ++i) {
     for (std::size_t j = 0; j + 1 < zs.size(); ++j) {
       const double x = (xs[i] + xs[i + 1]) / 2, up = (zs[j] + zs[j + 1]) / 2;
-      const bool open = std::any_of(plan.openings.begin(), plan.openings.end(), [&](const Opening& o) {
-        return x > o.x0 && x < o.x1 && up > o.z0 && up < o.z1;
-      });
+      const bool open = std::any_of(plan.openings.begin(), plan.openings.end(),
+                                    [&](const Opening& o) { return x > o.x0 && x < o.x1 && up > o.z0 && up < o.z1; });
       if (open) continue;
       add_polygon(front, {wall.at(xs[i], zs[j]), wall.at(xs[i + 1], zs[j]), wall.at(xs[i + 1], zs[j + 1]),
                           wall.at(xs[i], zs[j + 1])});

@@ -12,15 +12,15 @@ namespace convoy::simulator {
 struct FacadeStyle {
   enum class Wall { kPlaster, kBrick, kConcrete, kStone } wall = Wall::kPlaster;
   double grey = 160.0;
-  double pitch_m = 3.0;           ///< window to window
+  double pitch_m = 3.0;  ///< window to window
   double window_width_m = 1.2, window_height_m = 1.7, sill_m = 0.9;
   double storey_m = 3.2, ground_storey_m = 4.0;
   double frame_grey = 210.0;
-  int panes = 2;                  ///< side by side
-  bool surrounds = false;         ///< window surrounds of another grey
+  int panes = 2;           ///< side by side
+  bool surrounds = false;  ///< window surrounds of another grey
   bool balconies = false;
-  bool bands = false;             ///< a band between storeys
-  double shop_share = 0.4;        ///< of the ground floor's openings
+  bool bands = false;       ///< a band between storeys
+  double shop_share = 0.4;  ///< of the ground floor's openings
 };
 inline constexpr std::size_t n_facade_styles = 8;
 const FacadeStyle& facade_style(std::size_t index);

@@ -145,7 +145,8 @@ void paint_graffiti(Canvas& canvas, double x, double base, Stream& random) {
   const double wide = random.uniform(0.03, 0.09);
   for (int i = 0; i < 60; ++i) {
     angle += random.uniform(-0.9, 0.9);
-    const double nx = px + 0.07 * std::cos(angle) + 0.02, ny = std::clamp(py + 0.09 * std::sin(angle), base - 1.7, base - 0.3);
+    const double nx = px + 0.07 * std::cos(angle) + 0.02,
+                 ny = std::clamp(py + 0.09 * std::sin(angle), base - 1.7, base - 0.3);
     canvas.line(px, py, nx, ny, wide, grey, 0.85);
     px = nx, py = ny;
   }
@@ -176,7 +177,8 @@ void paint_marks(Canvas& canvas, const FacadePlan& plan, const FacadeStyle& styl
     const double x = random.chance(0.5) ? 0.25 : wide - 0.3, grey = random.uniform(70.0, 170.0);
     canvas.fill(x, 0.0, x + 0.1, base, grey);
     canvas.fill(x + 0.07, 0.0, x + 0.14, base, grey - 50.0, 0.7);
-    for (double y = random.uniform(0.3, 1.5); y < base; y += 1.9) canvas.fill(x - 0.03, y, x + 0.13, y + 0.06, grey - 30.0);
+    for (double y = random.uniform(0.3, 1.5); y < base; y += 1.9)
+      canvas.fill(x - 0.03, y, x + 0.13, y + 0.06, grey - 30.0);
   }
   const auto at_eye_level = [&](double w, double h, double& x, double& y) {
     x = random.uniform(0.1, std::max(0.2, wide - w - 0.1)), y = base - random.uniform(h + 0.7, h + 1.7);

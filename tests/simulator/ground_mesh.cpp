@@ -82,7 +82,8 @@ void GroundMesh::add_triangle(SceneBuilder& scene, const GroundTextures& texture
     return kept;
   };
   for (std::size_t band = 0; band < surfaces.size(); ++band) {
-    std::vector<Point> polygon = clip(clip({corners.begin(), corners.end()}, edges[band], true), edges[band + 1], false);
+    std::vector<Point> polygon =
+        clip(clip({corners.begin(), corners.end()}, edges[band], true), edges[band + 1], false);
     if (polygon.size() < 3) continue;
     const double rise = band == 0 ? 0.0 : Terrain::kerb_m;
     const double scale = band == 1 ? 1.0 / 2.0 : 1.0 / tile_m;
@@ -109,11 +110,10 @@ void GroundMesh::add_kerb_face(SceneBuilder& scene, TextureId texture, const Eig
     return static_cast<float>((along.x() > along.y() ? point.x() : point.y()) / 2.0);
   };
   // The road lies to the left of from -> to.
-  add_polygon(scene.piece(texture, from.x(), from.y(), 0.0F, 0.72F),
-              {{at(to, 0), {u(to), 0.06F}},
-               {at(from, 0), {u(from), 0.06F}},
-               {at(from, Terrain::kerb_m), {u(from), 0}},
-               {at(to, Terrain::kerb_m), {u(to), 0}}});
+  add_polygon(scene.piece(texture, from.x(), from.y(), 0.0F, 0.72F), {{at(to, 0), {u(to), 0.06F}},
+                                                                      {at(from, 0), {u(from), 0.06F}},
+                                                                      {at(from, Terrain::kerb_m), {u(from), 0}},
+                                                                      {at(to, Terrain::kerb_m), {u(to), 0}}});
 }
 
 void GroundMesh::add_land_around(SceneBuilder& scene, TextureId texture) const {

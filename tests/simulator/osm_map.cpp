@@ -24,7 +24,8 @@ Degrees degrees_of(const std::string& file, const tinyxml2::XMLElement& element,
   Degrees d{};
   if (element.QueryDoubleAttribute(latitude, &d.latitude) != tinyxml2::XML_SUCCESS ||
       element.QueryDoubleAttribute(longitude, &d.longitude) != tinyxml2::XML_SUCCESS)
-    refuse(file, element.GetLineNum(), std::string("<") + element.Name() + "> has no numbers " + latitude + " and " + longitude,
+    refuse(file, element.GetLineNum(),
+           std::string("<") + element.Name() + "> has no numbers " + latitude + " and " + longitude,
            "give both in degrees, or leave it out");
   // Nearer to the poles the local projection fails; what is not a number fails here, too.
   if (!(std::abs(d.latitude) <= 85.0) || !(std::abs(d.longitude) <= 180.0))
@@ -37,7 +38,8 @@ Degrees degrees_of(const std::string& file, const tinyxml2::XMLElement& element,
 std::int64_t id_of(const std::string& file, const tinyxml2::XMLElement& element, const char* name) {
   std::int64_t id = 0;
   if (element.QueryInt64Attribute(name, &id) != tinyxml2::XML_SUCCESS)
-    refuse(file, element.GetLineNum(), std::string("<") + element.Name() + "> has no number " + name, "export the map anew");
+    refuse(file, element.GetLineNum(), std::string("<") + element.Name() + "> has no number " + name,
+           "export the map anew");
   return id;
 }
 
@@ -122,10 +124,12 @@ OsmMap read_osm(const std::string& file) {
   OsmMap map;
   std::map<std::int64_t, OsmWay> others;  // which may be rings of relations
   Degrees least{90, 180}, most{-90, -180};
-  for (auto* element = root->FirstChildElement("way"); element != nullptr; element = element->NextSiblingElement("way")) {
+  for (auto* element = root->FirstChildElement("way"); element != nullptr;
+       element = element->NextSiblingElement("way")) {
     OsmWay way = way_of(file, *element);
     const bool street = !way.tag("highway").empty(), building = !way.tag("building").empty();
-    const bool complete = std::all_of(way.nodes.begin(), way.nodes.end(), [&](std::int64_t node) { return nodes.count(node) > 0; });
+    const bool complete =
+        std::all_of(way.nodes.begin(), way.nodes.end(), [&](std::int64_t node) { return nodes.count(node) > 0; });
     if (!complete) {
       map.ways_without_nodes += street || building;
       continue;
@@ -142,7 +146,8 @@ OsmMap read_osm(const std::string& file) {
   }
   add_outer_rings(file, *root, others, map.buildings);
   if (map.streets.empty())
-    refuse(file, 0, "has no streets (no way tagged highway with all its nodes)", "export ways tagged highway together with their nodes");
+    refuse(file, 0, "has no streets (no way tagged highway with all its nodes)",
+           "export ways tagged highway together with their nodes");
   if (const auto* bounds = root->FirstChildElement("bounds")) {
     least = degrees_of(file, *bounds, "minlat", "minlon");
     most = degrees_of(file, *bounds, "maxlat", "maxlon");
@@ -157,8 +162,9 @@ OsmMap read_osm(const std::string& file) {
   map.low = local(least), map.high = local(most);
   const Eigen::Vector2d size = map.high - map.low;
   if (!(size.maxCoeff() <= widest_m) || !(size.minCoeff() >= 0.0))
-    refuse(file, 0, "is " + std::to_string(static_cast<long>(size.x() / 1000)) + " x " +
-                        std::to_string(static_cast<long>(size.y() / 1000)) + " km, 10 km is the most",
+    refuse(file, 0,
+           "is " + std::to_string(static_cast<long>(size.x() / 1000)) + " x " +
+               std::to_string(static_cast<long>(size.y() / 1000)) + " km, 10 km is the most",
            "cut out the district, for instance with: osmium extract -b WEST,SOUTH,EAST,NORTH");
   for (const auto& [id, d] : nodes) map.nodes[id] = local(d);
   return map;

@@ -12,8 +12,8 @@ namespace convoy::simulator {
 
 struct OsmWay {
   std::int64_t id = 0;
-  int line = 0;                        ///< of the file
-  std::vector<std::int64_t> nodes;     ///< the first again at the end where it is closed
+  int line = 0;                     ///< of the file
+  std::vector<std::int64_t> nodes;  ///< the first again at the end where it is closed
   std::map<std::string, std::string> tags;
 
   /// The tag's value; empty where there is none.

@@ -40,7 +40,8 @@ const Kind* kind_of(const OsmWay& way) {
   const std::string &tunnel = way.tag("tunnel"), &layer = way.tag("layer");
   if ((!tunnel.empty() && tunnel != "no") || (!layer.empty() && layer[0] == '-')) return nullptr;
   if (way.tag("area") == "yes" || way.tag("covered") == "yes" || way.nodes.size() < 2) return nullptr;
-  const auto found = std::find_if(kinds.begin(), kinds.end(), [&](const Kind& kind) { return way.tag("highway") == kind.highway; });
+  const auto found =
+      std::find_if(kinds.begin(), kinds.end(), [&](const Kind& kind) { return way.tag("highway") == kind.highway; });
   return found == kinds.end() ? nullptr : &*found;
 }
 
@@ -49,15 +50,16 @@ std::uint32_t short_id(std::int64_t id) {
   return static_cast<std::uint32_t>(bits ^ (bits >> 32U));
 }
 
-std::vector<Footprint> footprints_of(const OsmMap& map, OsmReport& report) {
-  std::vector<Footprint> footprints;
+std::vector<Outline> footprints_of(const OsmMap& map, OsmReport& report) {
+  std::vector<Outline> footprints;
   for (const OsmWay& way : map.buildings) {
     if (way.tag("building") == "no" || way.tag("building") == "roof") continue;
     Polyline corners = map.line_of(way);
     const bool closed = way.nodes.size() >= 4 && way.nodes.front() == way.nodes.back();
     if (closed) corners.pop_back();
-    corners.erase(std::unique(corners.begin(), corners.end(),
-                              [](const auto& a, const auto& b) { return (a - b).norm() < 0.05; }), corners.end());
+    corners.erase(
+        std::unique(corners.begin(), corners.end(), [](const auto& a, const auto& b) { return (a - b).norm() < 0.05; }),
+        corners.end());
     if (!closed || corners.size() < 3 || std::abs(signed_area_m2(corners)) < 4.0 || crosses_itself(corners)) {
       ++report.outlines_refused;
       continue;
@@ -93,7 +95,8 @@ Network network_of(const OsmMap& map, const std::vector<std::int64_t>& keep) {
     if (kind == nullptr) continue;
     Part part{way.nodes, kind, true, short_id(way.id)};
     const std::string& oneway = way.tag("oneway");
-    part.two_way = !(oneway == "yes" || oneway == "1" || oneway == "true" || oneway == "-1" || way.tag("junction") == "roundabout");
+    part.two_way = !(oneway == "yes" || oneway == "1" || oneway == "true" || oneway == "-1" ||
+                     way.tag("junction") == "roundabout");
     if (oneway == "-1") std::reverse(part.nodes.begin(), part.nodes.end());
     // What lies outside of the map is cut off.
     Part inside = part;
@@ -124,17 +127,20 @@ Network network_of(const OsmMap& map, const std::vector<std::int64_t>& keep) {
   for (const Part& part : parts) ++ends[part.nodes.front()], ++ends[part.nodes.back()];
   for (const std::int64_t node : keep) ends[node] += 2;
   const auto goes_on = [&](const std::vector<std::int64_t>& a, const std::vector<std::int64_t>& b) {
-    const Eigen::Vector2d in = map.nodes.at(a.back()) - map.nodes.at(a[a.size() - 2]), out = map.nodes.at(b[1]) - map.nodes.at(b[0]);
+    const Eigen::Vector2d in = map.nodes.at(a.back()) - map.nodes.at(a[a.size() - 2]),
+                          out = map.nodes.at(b[1]) - map.nodes.at(b[0]);
     return in.dot(out) > 0.5 * in.norm() * out.norm();
   };
   for (std::size_t i = 0; i < parts.size(); ++i) {
     for (bool grown = true; grown && !parts[i].nodes.empty();) {
       grown = false;
       for (std::size_t j = 0; j < parts.size() && !grown; ++j) {
-        if (j == i || parts[j].nodes.empty() || parts[j].kind != parts[i].kind || parts[j].two_way != parts[i].two_way) continue;
+        if (j == i || parts[j].nodes.empty() || parts[j].kind != parts[i].kind || parts[j].two_way != parts[i].two_way)
+          continue;
         if (ends[parts[i].nodes.back()] != 2 || parts[i].nodes.front() == parts[i].nodes.back()) break;
         std::vector<std::int64_t> more = parts[j].nodes;
-        if (more.front() != parts[i].nodes.back() && more.back() == parts[i].nodes.back() && parts[i].two_way) std::reverse(more.begin(), more.end());
+        if (more.front() != parts[i].nodes.back() && more.back() == parts[i].nodes.back() && parts[i].two_way)
+          std::reverse(more.begin(), more.end());
         if (more.front() != parts[i].nodes.back() || !goes_on(parts[i].nodes, more)) continue;
         parts[i].nodes.insert(parts[i].nodes.end(), more.begin() + 1, more.end());
         parts[j].nodes.clear();
@@ -149,17 +155,19 @@ Network network_of(const OsmMap& map, const std::vector<std::int64_t>& keep) {
     for (const std::int64_t node : part.nodes) line.push_back(map.nodes.at(node));
     const double length = length_m(line);
     if (length < 0.1) continue;
-    network.edges.push_back({part.nodes.front(), part.nodes.back(), line, length, part.two_way, part.kind->on_routes, network.streets.size()});
-    network.streets.push_back({std::move(line), part.two_way ? part.kind->half_width_m : part.kind->one_way_half_width_m,
+    network.edges.push_back({part.nodes.front(), part.nodes.back(), line, length, part.two_way, part.kind->on_routes,
+                             network.streets.size()});
+    network.streets.push_back({std::move(line),
+                               part.two_way ? part.kind->half_width_m : part.kind->one_way_half_width_m,
                                part.kind->lanes, part.two_way, part.id});
   }
   return network;
 }
 
 /// Roads are no wider than there is room between the houses.
-void fit_between(const std::vector<Footprint>& footprints, std::vector<Street>& streets) {
+void fit_between(const std::vector<Outline>& footprints, std::vector<Street>& streets) {
   NearLines walls(12.0);
-  for (const Footprint& footprint : footprints) walls.add(footprint.corners, true);
+  for (const Outline& footprint : footprints) walls.add(footprint.corners, true);
   for (Street& street : streets) {
     std::vector<double> room;
     const Polyline points = resampled(street.line, 2.0);
@@ -205,8 +213,11 @@ Polyline lane_of(const std::vector<Street>& streets, const Polyline& middle, dou
   for (int i = 0; i < n; ++i) {
     double offset = 0.0;
     for (int k = -reach; k <= reach; ++k)
-      offset += offsets[static_cast<std::size_t>(closed ? ((i + k) % n + n) % n : std::clamp(i + k, 0, n - 1))] / (2 * reach + 1);
-    const auto at = [&](int k) { return smooth[static_cast<std::size_t>(closed ? (k % n + n) % n : std::clamp(k, 0, n - 1))]; };
+      offset += offsets[static_cast<std::size_t>(closed ? ((i + k) % n + n) % n : std::clamp(i + k, 0, n - 1))] /
+                (2 * reach + 1);
+    const auto at = [&](int k) {
+      return smooth[static_cast<std::size_t>(closed ? (k % n + n) % n : std::clamp(k, 0, n - 1))];
+    };
     const Eigen::Vector2d ahead = (at(i + 1) - at(i - 1)).normalized();
     moved.push_back(at(i) + offset * Eigen::Vector2d(ahead.y(), -ahead.x()));
   }
@@ -225,7 +236,7 @@ Polyline find_loop(const std::string& file, const Network& network, const Street
   const StreetGraph graph(network.edges);
   const StreetNetwork roads(plan.streets);
   NearLines walls(12.0);
-  for (const Footprint& footprint : plan.footprints) walls.add(footprint.corners, true);
+  for (const Outline& footprint : plan.footprints) walls.add(footprint.corners, true);
   const auto score = [&](const Polyline& line) { return score_of(walls, line); };
   Polyline best;
   double best_score = 0.0;
@@ -259,7 +270,8 @@ void add_routes(const std::string& file, const OsmMap& map, const Network& netwo
   const bool given = !params.along.empty();
   if (given) {
     for (const std::int64_t node : params.along)
-      if (map.nodes.count(node) == 0) throw std::runtime_error(file + ": has no node " + std::to_string(node) + " to drive along; name another");
+      if (map.nodes.count(node) == 0)
+        throw std::runtime_error(file + ": has no node " + std::to_string(node) + " to drive along; name another");
     const StreetGraph graph(network.edges);
     middle = graph.line_of(graph.way_along(params.along));
     if (middle.size() < 2) throw std::runtime_error(file + ": a route needs two nodes at least; name more");
@@ -270,8 +282,10 @@ void add_routes(const std::string& file, const OsmMap& map, const Network& netwo
     // Begins in the middle of its longest street.
     std::size_t longest = 0;
     const auto piece = [&](std::size_t i) { return (middle[(i + 1) % middle.size()] - middle[i]).norm(); };
-    for (std::size_t i = 1; i < middle.size(); ++i) if (piece(i) > piece(longest)) longest = i;
-    std::rotate(middle.begin(), middle.begin() + static_cast<std::ptrdiff_t>((longest + 1) % middle.size()), middle.end());
+    for (std::size_t i = 1; i < middle.size(); ++i)
+      if (piece(i) > piece(longest)) longest = i;
+    std::rotate(middle.begin(), middle.begin() + static_cast<std::ptrdiff_t>((longest + 1) % middle.size()),
+                middle.end());
     middle.insert(middle.begin(), Eigen::Vector2d((middle.back() + middle.front()) / 2));
   }
   const Polyline back(middle.rbegin(), middle.rend());
@@ -282,16 +296,17 @@ void add_routes(const std::string& file, const OsmMap& map, const Network& netwo
 }
 
 /// A house above a street would stop every car on it; a yard's entrance through a house is left out instead.
-void clear_streets(Network& network, std::vector<Footprint>& footprints, OsmReport& report) {
-  const auto leads_through = [](const Street& street, const Footprint& footprint) {
+void clear_streets(Network& network, std::vector<Outline>& footprints, OsmReport& report) {
+  const auto leads_through = [](const Street& street, const Outline& footprint) {
     Eigen::AlignedBox2d box;
     for (const auto& corner : footprint.corners) box.extend(corner);
     const Polyline points = resampled(street.line, 2.0);
-    return std::any_of(points.begin(), points.end(), [&](const auto& p) { return box.contains(p) && contains(footprint.corners, p); });
+    return std::any_of(points.begin(), points.end(),
+                       [&](const auto& p) { return box.contains(p) && contains(footprint.corners, p); });
   };
   std::vector<bool> gone(network.edges.size(), false);
-  std::vector<Footprint> kept;
-  for (Footprint& footprint : footprints) {
+  std::vector<Outline> kept;
+  for (Outline& footprint : footprints) {
     bool keep = true;
     for (std::size_t i = 0; i < network.edges.size(); ++i) {
       if (!leads_through(network.streets[i], footprint)) continue;
@@ -321,7 +336,9 @@ StreetPlan plan_osm(const std::string& file, const OsmParams& params, OsmReport&
   plan.footprints = footprints_of(map, report);
   Network network = network_of(map, params.along);
   clear_streets(network, plan.footprints, report);
-  if (network.streets.empty()) throw std::runtime_error(file + ": has no streets a car can drive; export ways tagged highway of other kinds than footway");
+  if (network.streets.empty())
+    throw std::runtime_error(
+        file + ": has no streets a car can drive; export ways tagged highway of other kinds than footway");
   fit_between(plan.footprints, network.streets);
   plan.streets = network.streets;
   add_routes(file, map, network, params, plan, report);
@@ -330,9 +347,10 @@ StreetPlan plan_osm(const std::string& file, const OsmParams& params, OsmReport&
   NearLines near(reach + 1.0);
   for (const Route& route : plan.routes) near.add(resampled(route.points, 20.0, route.closed), route.closed);
   const auto far = [&](const Polyline& line) {
-    return std::all_of(line.begin(), line.end(), [&](const Eigen::Vector2d& point) { return near.distance_m(point) > reach; });
+    return std::all_of(line.begin(), line.end(),
+                       [&](const Eigen::Vector2d& point) { return near.distance_m(point) > reach; });
   };
-  std::erase_if(plan.footprints, [&](const Footprint& footprint) { return far(footprint.corners); });
+  std::erase_if(plan.footprints, [&](const Outline& footprint) { return far(footprint.corners); });
   std::erase_if(plan.streets, [&](const Street& street) { return far(resampled(street.line, 20.0)); });
   report.streets = static_cast<int>(plan.streets.size());
   // Where a route cuts a corner there is road.

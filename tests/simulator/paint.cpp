@@ -15,8 +15,8 @@ NoiseTile::NoiseTile(std::uint32_t seed, int size, int finest, int coarsest, dou
     const double scale = 1.0 / wavelength;
     for (int y = 0; y < size; ++y)
       for (int x = 0; x < size; ++x)
-        values_[static_cast<std::size_t>(y * size + x)] += static_cast<float>(
-            strength * value_noise(seed + 101 * octave, x * scale, y * scale, size / wavelength));
+        values_[static_cast<std::size_t>(y * size + x)] +=
+            static_cast<float>(strength * value_noise(seed + 101 * octave, x * scale, y * scale, size / wavelength));
     strength *= std::exp2(-falling);
     ++octave;
   }
@@ -39,7 +39,8 @@ void Canvas::each(double x0, double y0, double x1, double y1, Change change) {
   if (right == left) ++right;
   if (bottom == top) ++bottom;
   const int width = image_.width, height = image_.height;
-  if (!wraps_) left = std::max(left, 0), top = std::max(top, 0), right = std::min(right, width), bottom = std::min(bottom, height);
+  if (!wraps_)
+    left = std::max(left, 0), top = std::max(top, 0), right = std::min(right, width), bottom = std::min(bottom, height);
   for (int y = top; y < bottom; ++y) {
     const int row = wraps_ ? ((y % height) + height) % height : y;
     for (int x = left; x < right; ++x) {

@@ -100,7 +100,8 @@ Polyline rounded(const Polyline& line, double radius, bool closed) {
   constexpr double step_m = 0.5;
   Polyline smooth = resampled(line, step_m, closed);
   for (int round = 0; round < 60; ++round) {
-    for (int i = 0; i < 60 && ease(smooth, 1.06 * radius, closed); ++i) {}
+    for (int i = 0; i < 60 && ease(smooth, 1.06 * radius, closed); ++i) {
+    }
     smooth = resampled(smooth, step_m, closed);
     if (smallest_radius_m(smooth, closed) >= radius) return smooth;
   }
@@ -137,7 +138,8 @@ bool crosses_itself(const Polyline& polygon) {
     for (std::size_t j = i + 2; j < n; ++j) {
       if (i == 0 && j == n - 1) continue;
       const Eigen::Vector2d &c = polygon[j], &d = polygon[(j + 1) % n];
-      if (cross(b - a, c - a) * cross(b - a, d - a) < 0.0 && cross(d - c, a - c) * cross(d - c, b - c) < 0.0) return true;
+      if (cross(b - a, c - a) * cross(b - a, d - a) < 0.0 && cross(d - c, a - c) * cross(d - c, b - c) < 0.0)
+        return true;
     }
   }
   return false;

@@ -51,8 +51,10 @@ class Marker {
     const PointOnLine point = point_at(street_.line, s);
     const Eigen::Vector2d middle = at(s, right);
     const Eigen::Vector2d ahead = Eigen::Rotation2Dd(yaw) * point.ahead * (length / 2);
-    const Eigen::Vector2d left = Eigen::Rotation2Dd(yaw) * Eigen::Vector2d(-point.ahead.y(), point.ahead.x()) * (width / 2);
-    polygon(texture, patch_bias_m, {middle - ahead - left, middle + ahead - left, middle + ahead + left, middle - ahead + left},
+    const Eigen::Vector2d left =
+        Eigen::Rotation2Dd(yaw) * Eigen::Vector2d(-point.ahead.y(), point.ahead.x()) * (width / 2);
+    polygon(texture, patch_bias_m,
+            {middle - ahead - left, middle + ahead - left, middle + ahead + left, middle - ahead + left},
             {{0.005F, 0.995F}, {0.995F, 0.995F}, {0.995F, 0.005F}, {0.005F, 0.005F}});
   }
 
@@ -103,7 +105,8 @@ void add_lanes(Marker& mark, const Street& street, const Stretch& stretch, doubl
   if (stretch.ends_at_junction_from && street.two_way) mark.arrow(from + 6.0, -middle, -1.0);
 }
 
-void add_wear(Marker& mark, const Street& street, double from, double to, const StreetTextures& textures, Stream& random) {
+void add_wear(Marker& mark, const Street& street, double from, double to, const StreetTextures& textures,
+              Stream& random) {
   const double length = to - from, reach = street.half_width_m - 1.0;
   const int wear = static_cast<int>(length / 7.0);
   for (int i = 0; i < wear; ++i) {
@@ -121,7 +124,8 @@ void add_wear(Marker& mark, const Street& street, double from, double to, const 
     }
   }
   for (double s = from + random.uniform(2.0, 18.0); s < to; s += random.uniform(18.0, 28.0))
-    for (const double side : {-1.0, 1.0}) mark.plate(textures.lids[2], s, side * (street.half_width_m - 0.3), 0.5, 0.5, 0.0);
+    for (const double side : {-1.0, 1.0})
+      mark.plate(textures.lids[2], s, side * (street.half_width_m - 0.3), 0.5, 0.5, 0.0);
 }
 
 }  // namespace

@@ -15,13 +15,16 @@ void add_box(Mesh& mesh, const Eigen::Vector3f& base, const Eigen::Vector3f& hal
   const Eigen::Vector3f up(0.0F, 0.0F, half.z());
   const Eigen::Vector3f x = half.x() * ahead, y = half.y() * left;
   const auto side = [&](const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
-    add_polygon(mesh, {{base + from, {0, 1}}, {base + to, {1, 1}}, {base + to + up, {1, 0}}, {base + from + up, {0, 0}}});
+    add_polygon(mesh,
+                {{base + from, {0, 1}}, {base + to, {1, 1}}, {base + to + up, {1, 0}}, {base + from + up, {0, 0}}});
   };
   side(-x - y, x - y);
   side(x - y, x + y);
   side(x + y, -x + y);
   side(-x + y, -x - y);
-  add_polygon(mesh, {{base - x - y + up, {0, 1}}, {base + x - y + up, {1, 1}}, {base + x + y + up, {1, 0}},
+  add_polygon(mesh, {{base - x - y + up, {0, 1}},
+                     {base + x - y + up, {1, 1}},
+                     {base + x + y + up, {1, 0}},
                      {base - x + y + up, {0, 0}}});
   add_polygon(mesh, {{base - x - y, {0, 1}}, {base - x + y, {0, 0}}, {base + x + y, {1, 0}}, {base + x - y, {1, 1}}});
 }

@@ -77,8 +77,9 @@ std::vector<Mesh> car_model(const StreetTextures& textures, std::size_t paint, d
       const float front_belt = std::min(front.top, belt) - 0.04F, back_belt = std::min(back.top, belt) - 0.04F;
       std::vector<Corner> lower{side_at(front.x, sign * half, low), side_at(front.x, sign * half, front_belt),
                                 side_at(back.x, sign * half, back_belt), side_at(back.x, sign * half, low)};
-      std::vector<Corner> upper{side_at(front.x, sign * half, front_belt), side_at(front.x, sign * front.half_top, front.top),
-                                side_at(back.x, sign * back.half_top, back.top), side_at(back.x, sign * half, back_belt)};
+      std::vector<Corner> upper{
+          side_at(front.x, sign * half, front_belt), side_at(front.x, sign * front.half_top, front.top),
+          side_at(back.x, sign * back.half_top, back.top), side_at(back.x, sign * half, back_belt)};
       if (sign > 0.0F) std::reverse(lower.begin(), lower.end()), std::reverse(upper.begin(), upper.end());
       add_polygon(sides, lower);
       add_polygon(sides, upper);
@@ -95,7 +96,9 @@ std::vector<Mesh> car_model(const StreetTextures& textures, std::size_t paint, d
   }
   add_wheels(dark);
   // The shadow under it.
-  add_polygon(dark, {{{-2.1F, -0.85F, 0.03F}, {0, 0}}, {{2.1F, -0.85F, 0.03F}, {1, 0}}, {{2.1F, 0.85F, 0.03F}, {1, 1}},
+  add_polygon(dark, {{{-2.1F, -0.85F, 0.03F}, {0, 0}},
+                     {{2.1F, -0.85F, 0.03F}, {1, 0}},
+                     {{2.1F, 0.85F, 0.03F}, {1, 1}},
                      {{-2.1F, 0.85F, 0.03F}, {0, 1}}});
   return meshes;
 }
@@ -122,7 +125,8 @@ void add_tree(SceneBuilder& scene, const StreetTextures& textures, const Eigen::
   for (int blob = 0; blob < 4; ++blob) {
     const auto turn = static_cast<float>(random.uniform(0.0, 6.28)), out = static_cast<float>(random.uniform(0.2, 0.6));
     const auto up = static_cast<float>(random.uniform(0.3, 1.0));
-    const Vector3f middle = base + Vector3f(out * crown * std::cos(turn), out * crown * std::sin(turn), stem + up * crown);
+    const Vector3f middle =
+        base + Vector3f(out * crown * std::cos(turn), out * crown * std::sin(turn), stem + up * crown);
     add_blob(leaves, middle, 0.8F * crown * Vector3f(1.0F, 1.0F, 0.85F), seed + static_cast<std::uint32_t>(blob));
   }
 }
@@ -135,7 +139,8 @@ void add_lamp(SceneBuilder& scene, const StreetTextures& textures, const Eigen::
   const auto yaw = static_cast<float>(yaw_rad);
   const Vector3f arm(std::cos(yaw), std::sin(yaw), 0.0F);
   add_box(mesh, base + 0.8F * arm + Vector3f(0, 0, 6.1F), {0.85F, 0.04F, 0.08F}, yaw);
-  add_box(scene.piece(textures.stone, foot.x(), foot.y()), base + 1.6F * arm + Vector3f(0, 0, 6.0F), {0.35F, 0.13F, 0.1F}, yaw);
+  add_box(scene.piece(textures.stone, foot.x(), foot.y()), base + 1.6F * arm + Vector3f(0, 0, 6.0F),
+          {0.35F, 0.13F, 0.1F}, yaw);
 }
 
 void add_sign(SceneBuilder& scene, const StreetTextures& textures, const Eigen::Vector3d& foot, double yaw_rad,
@@ -152,8 +157,8 @@ void add_sign(SceneBuilder& scene, const StreetTextures& textures, const Eigen::
     const auto sides = kind < 4 ? 4 : kind < 6 ? 12 : 3;
     std::vector<Corner> face, rear;
     for (int i = 0; i < sides; ++i) {
-      const float angle = static_cast<float>(M_PI) * (2.0F * static_cast<float>(i) / static_cast<float>(sides) +
-                                                      (sides == 4 ? 0.25F : 0.5F));
+      const float angle = static_cast<float>(M_PI) *
+                          (2.0F * static_cast<float>(i) / static_cast<float>(sides) + (sides == 4 ? 0.25F : 0.5F));
       const float radius = sides == 4 ? 0.42F : 0.34F, x = -radius * std::cos(angle), y = radius * std::sin(angle);
       const Vector3f offset = x * left + (y + z - 0.3F) * Vector3f::UnitZ();
       const Eigen::Vector2f uv(0.5F + x / 0.7F, 0.5F - y / 0.7F);

@@ -12,9 +12,9 @@ struct GraphEdge {
   std::int64_t from = 0, to = 0;  ///< nodes of the map
   Polyline line;
   double length_m = 0.0;
-  bool backward = true;  ///< may be driven from `to` to `from`, too
-  bool on_routes = true; ///< not just a yard's entrance
-  std::size_t street = 0;///< of the caller's
+  bool backward = true;    ///< may be driven from `to` to `from`, too
+  bool on_routes = true;   ///< not just a yard's entrance
+  std::size_t street = 0;  ///< of the caller's
 };
 
 /// An edge in the direction it is driven.

@@ -37,8 +37,7 @@ StreetNetwork::StreetNetwork(const std::vector<Street>& streets) {
       const Eigen::Vector2d low = line[i].cwiseMin(line[i + 1]).array() - reach;
       const Eigen::Vector2d high = line[i].cwiseMax(line[i + 1]).array() + reach;
       for (int cx = cell_of(low.x()); cx <= cell_of(high.x()); ++cx)
-        for (int cy = cell_of(low.y()); cy <= cell_of(high.y()); ++cy)
-          cells_[{cx, cy}].push_back(segments_.size() - 1);
+        for (int cy = cell_of(low.y()); cy <= cell_of(high.y()); ++cy) cells_[{cx, cy}].push_back(segments_.size() - 1);
     }
   }
 }
@@ -75,7 +74,8 @@ double StreetNetwork::beyond_kerb_m(const Eigen::Vector2d& point) const {
 double StreetNetwork::beyond_others_m(const Eigen::Vector2d& point, std::size_t street) const {
   double best = far_m;
   for (const std::size_t i : near(point))
-    if (segments_[i].street != street && segments_[i].half_width > entrance_half_width_m) best = std::min(best, distance_m(segments_[i], point));
+    if (segments_[i].street != street && segments_[i].half_width > entrance_half_width_m)
+      best = std::min(best, distance_m(segments_[i], point));
   return best;
 }
 

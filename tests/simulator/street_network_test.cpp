@@ -7,7 +7,9 @@
 namespace convoy::simulator {
 namespace {
 
-Street street(std::vector<Eigen::Vector2d> line, double half_width = 4.0) { return {std::move(line), half_width, 2, true, 1}; }
+Street street(std::vector<Eigen::Vector2d> line, double half_width = 4.0) {
+  return {std::move(line), half_width, 2, true, 1};
+}
 
 TEST(StreetNetwork, MeasuresFromTheKerb) {
   const StreetNetwork network({street({{-50, 0}, {50, 0}})});
@@ -20,7 +22,7 @@ TEST(StreetNetwork, MeasuresFromTheKerb) {
 
 TEST(StreetNetwork, RoundsCornersButNotStraightJoints) {
   const StreetNetwork crossing({street({{-50, 0}, {50, 0}}), street({{0, -50}, {0, 50}})});
-  EXPECT_LT(crossing.beyond_kerb_m({5, 5}), 0.0);    // a car may cut here
+  EXPECT_LT(crossing.beyond_kerb_m({5, 5}), 0.0);  // a car may cut here
   EXPECT_GT(crossing.beyond_kerb_m({6.5, 6.5}), 0.0);
   EXPECT_NEAR(crossing.beyond_kerb_m({20, 5}), 1.0, 1e-9);
   const StreetNetwork joint({street({{-50, 0}, {0, 0}}), street({{0, 0}, {50, 0}})});

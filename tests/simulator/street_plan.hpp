@@ -22,7 +22,7 @@ struct Street {
 };
 
 /// Outline of a building, counter-clockwise, simple. World frame [m].
-struct Footprint {
+struct Outline {
   std::vector<Eigen::Vector2d> corners;
   double height_m = 12.0;
   std::uint32_t id = 0;  ///< its looks are drawn by this
@@ -30,7 +30,7 @@ struct Footprint {
 
 struct StreetPlan {
   std::vector<Street> streets;
-  std::vector<Footprint> footprints;
+  std::vector<Outline> footprints;
   std::vector<Route> routes;
   std::string attribution;
 };

@@ -12,7 +12,9 @@ constexpr double ground_tile_m = 8.0;  // as ground_mesh.cpp lays it
 
 struct Grain {
   explicit Grain(std::uint32_t seed)
-      : fine(seed + 21, 1024, 1, 16, 0.1, 1.0), middle(seed + 22, 1024, 8, 128, 0.5, 1.0), coarse(seed + 23, 1024, 64, 512, 0.5, 1.0) {}
+      : fine(seed + 21, 1024, 1, 16, 0.1, 1.0),
+        middle(seed + 22, 1024, 8, 128, 0.5, 1.0),
+        coarse(seed + 23, 1024, 64, 512, 0.5, 1.0) {}
   NoiseTile fine, middle, coarse;
 };
 
@@ -50,7 +52,8 @@ Texture slabs(const Grain& grain, Stream& random) {
     canvas.disc(x, y, random.uniform(0.015, 0.05), random.uniform(60.0, 175.0), 0.8);
   }
   for (int i = 0; i < 8; ++i) {
-    const double x = random.uniform(0, ground_tile_m), y = random.uniform(0, ground_tile_m), w = random.uniform(0.3, 1.5);
+    const double x = random.uniform(0, ground_tile_m), y = random.uniform(0, ground_tile_m),
+                 w = random.uniform(0.3, 1.5);
     canvas.darken(x, y, x + w, y + w, random.uniform(0.75, 0.92), 0.3);
   }
   canvas.roughen(grain.fine, 5.0, 0, 0);
@@ -136,10 +139,19 @@ Texture sign(const Grain& grain, Stream& random, int kind) {
   canvas.fill(0, 0, 0.64, 0.64, dark ? 60.0 : 225.0);
   canvas.frame(0.02, 0.02, 0.62, 0.62, 0.05, dark ? 230.0 : 70.0);
   switch (kind / 2) {
-    case 0: canvas.line(0.32, 0.14, 0.32, 0.5, 0.08, dark ? 240.0 : 40.0), canvas.line(0.32, 0.14, 0.2, 0.28, 0.07, dark ? 240.0 : 40.0), canvas.line(0.32, 0.14, 0.44, 0.28, 0.07, dark ? 240.0 : 40.0); break;
+    case 0:
+      canvas.line(0.32, 0.14, 0.32, 0.5, 0.08, dark ? 240.0 : 40.0),
+          canvas.line(0.32, 0.14, 0.2, 0.28, 0.07, dark ? 240.0 : 40.0),
+          canvas.line(0.32, 0.14, 0.44, 0.28, 0.07, dark ? 240.0 : 40.0);
+      break;
     case 1: canvas.letters(random, 0.14, 0.18, 0.3, 2, dark ? 240.0 : 20.0); break;
-    case 2: canvas.disc(0.32, 0.32, 0.22, dark ? 220.0 : 80.0), canvas.fill(0.16, 0.28, 0.48, 0.36, dark ? 50.0 : 240.0); break;
-    default: canvas.letters(random, 0.08, 0.12, 0.12, 4, dark ? 240.0 : 20.0), canvas.letters(random, 0.08, 0.36, 0.12, 4, dark ? 240.0 : 20.0); break;
+    case 2:
+      canvas.disc(0.32, 0.32, 0.22, dark ? 220.0 : 80.0), canvas.fill(0.16, 0.28, 0.48, 0.36, dark ? 50.0 : 240.0);
+      break;
+    default:
+      canvas.letters(random, 0.08, 0.12, 0.12, 4, dark ? 240.0 : 20.0),
+          canvas.letters(random, 0.08, 0.36, 0.12, 4, dark ? 240.0 : 20.0);
+      break;
   }
   canvas.roughen(grain.middle, 4.0, 64 * kind, 0);
   return canvas.take();

@@ -18,7 +18,8 @@ Traffic::Traffic(World& world, std::uint32_t seed, const TrafficParams& params) 
   for (std::size_t i = 0; i < world.routes.size(); ++i) {
     const Route& route = world.routes[i];
     const bool named = std::find(params.on.begin(), params.on.end(), route.name) != params.on.end();
-    if (named && !route.closed) throw std::runtime_error("traffic: route '" + route.name + "' is not closed; name another");
+    if (named && !route.closed)
+      throw std::runtime_error("traffic: route '" + route.name + "' is not closed; name another");
     if (named || (params.on.empty() && route.closed && route.name.ends_with("opposite"))) ways.push_back(i);
     lengths_.push_back(length_m(route.points, route.closed));
   }

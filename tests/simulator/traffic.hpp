@@ -10,7 +10,7 @@
 namespace convoy::simulator {
 
 struct TrafficParams {
-  int cars = 4;                  ///< >= 0; 0: none
+  int cars = 4;  ///< >= 0; 0: none
   double slowest_mps = 5.0, fastest_mps = 9.0;
   std::vector<std::string> on{};  ///< names of closed routes; empty: those whose name ends in "opposite"
 };

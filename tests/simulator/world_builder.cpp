@@ -18,7 +18,7 @@ class Furnisher {
   Furnisher(SceneBuilder& scene, const GroundMesh& ground, const StreetNetwork& network, const StreetPlan& plan,
             const NearLines& routes, const StreetTextures& textures)
       : scene_(scene), ground_(ground), network_(network), plan_(plan), routes_(routes), textures_(textures) {
-    for (const Footprint& footprint : plan.footprints) walls_.add(footprint.corners, true);
+    for (const Outline& footprint : plan.footprints) walls_.add(footprint.corners, true);
   }
 
   void furnish(std::size_t index, std::uint32_t seed, double within_m) {
@@ -45,7 +45,7 @@ class Furnisher {
     const double away = routes_.distance_m(point);
     if (away < clear_of_routes || away > within || walls_.distance_m(point) < 0.5) return false;
     return std::none_of(plan_.footprints.begin(), plan_.footprints.end(),
-                        [&](const Footprint& footprint) { return contains(footprint.corners, point); });
+                        [&](const Outline& footprint) { return contains(footprint.corners, point); });
   }
   Eigen::Vector3d foot(const Eigen::Vector2d& point) const { return {point.x(), point.y(), ground_.height_m(point)}; }
 
@@ -64,7 +64,8 @@ class Furnisher {
       const double beyond = network_.beyond_kerb_m(spot.at);
       if (beyond > -0.7 || beyond < -1.6) continue;
       const double back = side < 0.0 && street.two_way ? M_PI : 0.0;
-      place(scene_, car_model(textures_, paint, height), foot(spot.at), std::atan2(spot.ahead.y(), spot.ahead.x()) + turn + back);
+      place(scene_, car_model(textures_, paint, height), foot(spot.at),
+            std::atan2(spot.ahead.y(), spot.ahead.x()) + turn + back);
     }
   }
 
@@ -90,7 +91,8 @@ class Furnisher {
         for (int i = 0; i < 4; ++i) {
           const Place post = place_at(street, s + 1.2 * i, side * (street.half_width_m + 0.35));
           const double from_kerb = network_.beyond_kerb_m(post.at);
-          if (from_kerb > 0.2 && from_kerb < 1.0 && free(post.at, 1.5, within)) add_bollard(scene_, textures_, foot(post.at));
+          if (from_kerb > 0.2 && from_kerb < 1.0 && free(post.at, 1.5, within))
+            add_bollard(scene_, textures_, foot(post.at));
         }
       }
     }
@@ -112,7 +114,7 @@ World build_world(const StreetPlan& plan, std::uint32_t seed, const DetailParams
   Eigen::AlignedBox2d box;
   for (const Street& street : plan.streets)
     for (const auto& point : street.line) box.extend(point);
-  for (const Footprint& footprint : plan.footprints)
+  for (const Outline& footprint : plan.footprints)
     for (const auto& corner : footprint.corners) box.extend(corner);
   const Eigen::Vector2d low = box.min().array() - margin_m, high = box.max().array() + margin_m;
 

@@ -62,10 +62,10 @@ inline void expect_sound(const Scene& scene) {
 }
 
 /// Bends of 5 m, on the road, away from walls.
-inline void expect_drivable(const Route& route, const StreetNetwork& network, const std::vector<Footprint>& footprints,
+inline void expect_drivable(const Route& route, const StreetNetwork& network, const std::vector<Outline>& footprints,
                             double radius_m = 5.0) {
   NearLines walls(10.0);
-  for (const Footprint& footprint : footprints) walls.add(footprint.corners, true);
+  for (const Outline& footprint : footprints) walls.add(footprint.corners, true);
   EXPECT_GE(smallest_radius_m(route.points, route.closed), radius_m) << route.name;
   for (std::size_t i = 0; i + 1 < route.points.size(); ++i) {
     const double step = (route.points[i + 1] - route.points[i]).norm();
@@ -73,7 +73,7 @@ inline void expect_drivable(const Route& route, const StreetNetwork& network, co
     EXPECT_LE(step, 1.0) << route.name << " " << i;
     EXPECT_LT(network.beyond_kerb_m(route.points[i]), -1.0) << route.name << " " << route.points[i].transpose();
     EXPECT_GT(walls.distance_m(route.points[i]), 1.5) << route.name << " " << route.points[i].transpose();
-    for (const Footprint& footprint : footprints) EXPECT_FALSE(contains(footprint.corners, route.points[i]));
+    for (const Outline& footprint : footprints) EXPECT_FALSE(contains(footprint.corners, route.points[i]));
   }
 }
 
