@@ -195,24 +195,19 @@ struct LiveSource::Impl {
     distance_m = options.distance_m.value_or(options.duration_s ? 1e9 : line.length_m());
     if (options.traffic) traffic.emplace(world, options.seed);
     first_body = add_bodies(world, options.vehicles, options.seed);
-    for (int number = 1; number <= options.vehicles; ++number) {
+    for (int number = 1; number <= options.vehicles; ++number)
       driven.push_back(std::make_unique<Driven>(options, world, route, static_cast<std::uint32_t>(number)));
-      vehicles.push_back({static_cast<std::uint32_t>(number), data_of(camera_params(options, 1, std::nullopt))});
-    }
-  }
-
-  /// Cameras take long to make, so that who only asks for routes does without.
-  void open_cameras() {
-    if (!cameras.empty()) return;
     cameras.resize(driven.size());
     in_parallel([&](std::size_t i) {
       cameras[i] = std::make_unique<Camera>(
           world.scene, camera_params(options, driven[i]->number, first_body + static_cast<std::uint32_t>(i)));
     });
+    for (std::size_t i = 0; i < driven.size(); ++i)
+      vehicles.push_back({driven[i]->number, data_of(cameras[i]->params())});
   }
 
-  StepData next() {
-    open_cameras();
+  /// Without pictures.
+  StepData drive() {
     StepData step;
     step.step = ++done;
     for (const auto& vehicle : driven) step.vehicles.push_back(vehicle->drive());
@@ -221,6 +216,11 @@ struct LiveSource::Impl {
     if (traffic) traffic->set(step.time_s);
     for (std::size_t i = 0; i < driven.size(); ++i)
       place_body(world, first_body + static_cast<std::uint32_t>(i), driven[i]->physics.state().T_world_body);
+    return step;
+  }
+
+  StepData next() {
+    StepData step = drive();
     in_parallel([&](std::size_t i) { take_picture(i, step.vehicles[i]); });
     return step;
   }
@@ -286,20 +286,23 @@ double LiveSource::duration_s() const {
   return std::min(way_s, impl_->options.duration_s.value_or(way_s));
 }
 
-std::vector<LiveSource::RouteNote> LiveSource::routes() const {
+FrameData LiveSource::snapshot() {
+  const bool drives = impl_->options.duration_s || impl_->options.distance_m;
+  StepData step;
+  do step = impl_->drive();
+  while (drives && !step.last);
+  impl_->take_picture(0, step.vehicles.front());
+  return step.vehicles.front().frames.at(0);
+}
+
+std::vector<RouteNote> routes_of(const SimOptions& options) {
   std::vector<RouteNote> notes;
-  for (const Route& route : impl_->world.routes) {
+  const World world = make_world(options);
+  for (const Route& route : world.routes) {
     const RouteLine line(route, 0.0);
     notes.push_back({route.name, line.route_length_m(), line.closed()});
   }
   return notes;
-}
-
-FrameData LiveSource::snapshot() {
-  StepData step;
-  do step = impl_->next();
-  while (!step.last && impl_->options.duration_s);
-  return step.vehicles.front().frames.front();
 }
 
 }  // namespace convoy::simulator

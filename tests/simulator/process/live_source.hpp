@@ -10,6 +10,15 @@
 
 namespace convoy::simulator {
 
+struct RouteNote {
+  std::string name;
+  double length_m = 0.0;
+  bool closed = false;
+};
+
+/// Of the world that is asked for. Throws SetUpError.
+std::vector<RouteNote> routes_of(const SimOptions& options);
+
 class LiveSource final : public SensorSource {
  public:
   /// Builds the world. Throws SetUpError for what is wrong with it or with the options.
@@ -21,13 +30,8 @@ class LiveSource final : public SensorSource {
   double step_s() const override;
   std::string attribution() const override;
 
-  struct RouteNote {
-    std::string name;
-    double length_m = 0.0;
-    bool closed = false;
-  };
-  std::vector<RouteNote> routes() const;
-  /// Drives to the end of the duration (not asked for: a step) and tells what vehicle 1 sees there.
+  /// Drives to the end of the duration or distance (neither asked for: one step) and tells what vehicle 1 sees there.
+  /// Not to be asked of cameras that drop frames.
   FrameData snapshot();
 
  private:

@@ -22,26 +22,37 @@ void stop_at_signals() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-void list_routes(const LiveSource& source) {
-  for (const LiveSource::RouteNote& route : source.routes())
+void list_routes(const SimOptions& options) {
+  for (const RouteNote& route : routes_of(options))
     std::printf("%-24s %7.1f m, %s\n", route.name.c_str(), route.length_m, route.closed ? "closed" : "open");
 }
 
-void take_snapshot(LiveSource& source, const std::filesystem::path& file) {
+/// Who made the map is named wherever it is used.
+void attribute(const SensorSource& source) {
+  if (source.attribution().empty()) return;
+  std::printf("%s\n", source.attribution().c_str());
+  std::fflush(stdout);
+}
+
+void take_snapshot(SimOptions options) {
+  options.drop_probability = 0.0;
+  LiveSource source(options);
+  attribute(source);
   const FrameData frame = source.snapshot();
-  save_picture(file, frame.width, frame.height, frame.grey);
+  save_picture(options.snapshot, frame.width, frame.height, frame.grey);
 }
 
 void show(const SimOptions& options) {
+  if (options.list_routes) return list_routes(options);
   if (!options.replay.empty()) {
     Replay replay(options.replay);
-    if (!replay.attribution().empty()) std::printf("%s\n", replay.attribution().c_str());
+    attribute(replay);
     return run(replay, options, [] { return stopped != 0; });
   }
+  std::fprintf(stderr, "convoy sim: building the world\n");
+  if (!options.snapshot.empty()) return take_snapshot(options);
   LiveSource source(options);
-  if (!source.attribution().empty()) std::printf("%s\n", source.attribution().c_str());
-  if (options.list_routes) return list_routes(source);
-  if (!options.snapshot.empty()) return take_snapshot(source, options.snapshot);
+  attribute(source);
   run(source, options, [] { return stopped != 0; });
 }
 

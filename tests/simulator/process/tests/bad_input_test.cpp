@@ -32,8 +32,19 @@ TEST(Options, AreChecked) {
   expect_refused("--replay x --record y", "exclude each other");
   expect_refused("--replay x --seed 2", "--seed");
   expect_refused("--fast", "--fast");
-  expect_refused("--route nowhere --list-routes" + block, "no route 'nowhere'");
+  expect_refused("--route nowhere" + block, "no route 'nowhere'");
   expect_refused("--lock-step --vehicles 1 --wait-for 2" + block, "there are only 1 vehicles");
+}
+
+TEST(Snapshot, IsAPicture) {
+  const ScratchFolder scratch;
+  const std::string file = (scratch / "view.png").string();
+  const Outcome outcome = run_sim("--duration 2 --snapshot " + file + block);
+  EXPECT_EQ(outcome.status, 0) << outcome.output;
+  EXPECT_NE(outcome.output.find("OpenStreetMap contributors"), std::string::npos) << outcome.output;
+  EXPECT_EQ(read_text(file).substr(1, 3), "PNG");
+  expect_refused("--snapshot " + (scratch / "none/view.png").string() + block, "cannot be written");
+  expect_refused("--snapshot " + (scratch / "view.bmx").string() + block, "does the name end in .png?");
 }
 
 TEST(World, ThatIsNoneIsRefused) {
