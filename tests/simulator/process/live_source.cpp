@@ -295,14 +295,14 @@ FrameData LiveSource::snapshot() {
   return step.vehicles.front().frames.at(0);
 }
 
-std::vector<RouteNote> routes_of(const SimOptions& options) {
-  std::vector<RouteNote> notes;
+WorldNote describe_world(const SimOptions& options) {
   const World world = make_world(options);
+  WorldNote note{world.attribution, {}};
   for (const Route& route : world.routes) {
     const RouteLine line(route, 0.0);
-    notes.push_back({route.name, line.route_length_m(), line.closed()});
+    note.routes.push_back({route.name, line.route_length_m(), line.closed()});
   }
-  return notes;
+  return note;
 }
 
 }  // namespace convoy::simulator

@@ -16,8 +16,13 @@ struct RouteNote {
   bool closed = false;
 };
 
+struct WorldNote {
+  std::string attribution;
+  std::vector<RouteNote> routes;
+};
+
 /// Of the world that is asked for. Throws SetUpError.
-std::vector<RouteNote> routes_of(const SimOptions& options);
+WorldNote describe_world(const SimOptions& options);
 
 class LiveSource final : public SensorSource {
  public:

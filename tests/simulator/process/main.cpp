@@ -22,22 +22,24 @@ void stop_at_signals() {
   sigaction(SIGTERM, &action, nullptr);
 }
 
-void list_routes(const SimOptions& options) {
-  for (const RouteNote& route : routes_of(options))
-    std::printf("%-24s %7.1f m, %s\n", route.name.c_str(), route.length_m, route.closed ? "closed" : "open");
+/// Who made the map is named wherever it is used.
+void attribute(const std::string& attribution) {
+  if (attribution.empty()) return;
+  std::printf("%s\n", attribution.c_str());
+  std::fflush(stdout);
 }
 
-/// Who made the map is named wherever it is used.
-void attribute(const SensorSource& source) {
-  if (source.attribution().empty()) return;
-  std::printf("%s\n", source.attribution().c_str());
-  std::fflush(stdout);
+void list_routes(const SimOptions& options) {
+  const WorldNote world = describe_world(options);
+  attribute(world.attribution);
+  for (const RouteNote& route : world.routes)
+    std::printf("%-24s %7.1f m, %s\n", route.name.c_str(), route.length_m, route.closed ? "closed" : "open");
 }
 
 void take_snapshot(SimOptions options) {
   options.drop_probability = 0.0;
   LiveSource source(options);
-  attribute(source);
+  attribute(source.attribution());
   const FrameData frame = source.snapshot();
   save_picture(options.snapshot, frame.width, frame.height, frame.grey);
 }
@@ -46,13 +48,13 @@ void show(const SimOptions& options) {
   if (options.list_routes) return list_routes(options);
   if (!options.replay.empty()) {
     Replay replay(options.replay);
-    attribute(replay);
+    attribute(replay.attribution());
     return run(replay, options, [] { return stopped != 0; });
   }
   std::fprintf(stderr, "convoy sim: building the world\n");
   if (!options.snapshot.empty()) return take_snapshot(options);
   LiveSource source(options);
-  attribute(source);
+  attribute(source.attribution());
   run(source, options, [] { return stopped != 0; });
 }
 
