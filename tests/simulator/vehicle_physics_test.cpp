@@ -215,6 +215,23 @@ TEST(VehiclePhysics, WheelsTurnByTheWayTheyGo) {
     EXPECT_NEAR(wheel.angle_rad * vehicle.params().wheel_radius_m, position(vehicle).head<2>().norm(), 0.005);
 }
 
+TEST(VehiclePhysics, DrivesBackwards) {
+  for (const VehicleParams& params : {VehicleParams{}, robot_params()}) {
+    const Slope level;
+    VehiclePhysics vehicle(params, level, 0.0, 0.0, 0.0);
+    DriveCommand back;
+    back.drive_mps2 = -1.0;
+    run(vehicle, back, 2.0);
+    EXPECT_NEAR(vehicle.state().speed_mps, -2.0, 0.3);
+    back.drive_mps2 = 0.0;
+    back.brake_mps2 = 2.0;
+    run(vehicle, back, 2.0);
+    EXPECT_NEAR(vehicle.state().speed_mps, 0.0, 1e-6);
+    EXPECT_LT(position(vehicle).x(), -2.0);
+    EXPECT_NEAR(vehicle.state().wheels[RearLeft].angle_rad * params.wheel_radius_m, position(vehicle).x(), 0.01);
+  }
+}
+
 TEST(VehiclePhysics, UnevenRoadMovesTheBody) {
   const auto unrest_of = [](const Ground& ground) {
     VehiclePhysics vehicle({}, ground, 0.0, 0.2, 0.0);
