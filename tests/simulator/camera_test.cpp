@@ -55,15 +55,12 @@ TEST(Camera, AFrameDependsOnItsKeysAlone) {
   }
 }
 
-TEST(Camera, PrintsTheHashOfAFrame) {
-  std::printf("hash=%016llx\n", static_cast<unsigned long long>(hash_of(5)));
-}
+TEST(Camera, PrintsTheHashOfAFrame) { std::printf("hash=%016llx\n", static_cast<unsigned long long>(hash_of(5))); }
 
 TEST(Camera, AnotherProcessMakesTheSameFrame) {
   std::array<char, 4096> self{};
   ASSERT_GT(readlink("/proc/self/exe", self.data(), self.size() - 1), 0);
-  const std::string command = "'" + std::string(self.data()) +
-                              "' --gtest_filter=Camera.PrintsTheHashOfAFrame";
+  const std::string command = "'" + std::string(self.data()) + "' --gtest_filter=Camera.PrintsTheHashOfAFrame";
   const std::unique_ptr<FILE, int (*)(FILE*)> child(popen(command.c_str(), "r"), pclose);
   ASSERT_TRUE(child);
   std::string output;

@@ -66,7 +66,7 @@ struct Track {
   Patch patch;
   Eigen::Vector3d p_world;
   Eigen::Vector2d pixel;
-  std::size_t length;
+  std::size_t length = 1, missed = 0;
 };
 
 class Measurement {
@@ -118,10 +118,11 @@ class Measurement {
     const auto exact = truth.project(track.p_world);
     if (!exact || !has_patch(image, static_cast<int>(exact->x()), static_cast<int>(exact->y()))) return false;
     const Match match = search(image, track.patch, predicted(*exact), params_.search_px);
-    if (match.score < params_.accept) return false;
+    track.pixel = *exact;
+    if (match.score < params_.accept) return ++track.missed <= params_.misses;
     ++statistics_.matches;
-    if ((Eigen::Vector2d(match.x, match.y) - *exact).norm() > params_.good_px) return false;
-    ++good_, ++track.length;
+    if ((Eigen::Vector2d(match.x, match.y) - *exact).norm() > params_.good_px) return ++track.missed <= params_.misses;
+    ++good_, ++track.length, track.missed = 0;
     track.patch = patch_at(image, match.x, match.y), track.pixel = {match.x, match.y};
     return true;
   }
@@ -139,7 +140,7 @@ class Measurement {
       const int x = static_cast<int>(std::lround(corner.x)), y = static_cast<int>(std::lround(corner.y));
       const auto p_world = truth.world_point(x, y);
       if (!p_world || !has_patch(image, x, y)) continue;
-      tracks_.push_back({patch_at(image, x, y), *p_world, {x, y}, 1});
+      tracks_.push_back({patch_at(image, x, y), *p_world, {x, y}});
       mapped_.push_back({tracks_.back().patch, *p_world, frame});
     }
   }

@@ -13,10 +13,11 @@ namespace convoy::simulator {
 
 struct FeatureParams {
   std::size_t tracks = 60;        ///< held at a time; new Shi-Tomasi corners replace lost ones
-  double prediction_px = 2.5;     ///< noise of where a patch is looked for, standard deviation per axis
+  double prediction_px = 2.0;     ///< noise of where a patch is looked for, standard deviation per axis
   int search_px = 6;              ///< each way
   double accept = 0.8;            ///< least ZNCC of 11 x 11 patches
   double good_px = 2.5;           ///< of the truth
+  std::size_t misses = 1;         ///< frames in a row that a track outlives its patch not being found
   double second_left_m = 2.0;     ///< of the second vehicle's line
   std::size_t second_reach = 10;  ///< frames before and after in which it may find a patch
 };
@@ -29,8 +30,9 @@ struct FeatureStatistics {
   double wrong_pairs = 0.0;                    ///< share of pairs of different patches of a frame above `accept`
 };
 
-/// Drives the poses, one per frame, and again beside them. A track ends where its patch is not found, leaves the frame
-/// or is matched beside the truth; a patch is mapped where its corner is first seen.
+/// Drives the poses, one per frame, and again beside them. A patch that is matched beside the truth counts as not
+/// found, as a gate would have it. A track ends as its patch leaves the frame, too; its length is that of its good
+/// matches and its first sight. A patch is mapped where its corner is first seen.
 FeatureStatistics feature_statistics(const Scene& scene, const CameraParams& camera,
                                      const std::vector<Eigen::Isometry3d>& T_world_body,
                                      const FeatureParams& params = {});

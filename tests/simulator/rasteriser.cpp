@@ -273,12 +273,29 @@ float Rasteriser::light_edge(int x, int y, std::uint32_t first_corner) const {
   float sum = 0.0F, one = 0.0F;
   for (std::size_t i = 0; i < 4; ++i) {
     for (std::size_t j = i + 1; j < 4; ++j)
-      if (ids[j] == ids[i]) weights[i] += weights[j], weights[j] = 0.0F;
+      if (continuous(ids[i], ids[j], x, y)) weights[i] += weights[j], weights[j] = 0.0F;
     if (weights[i] <= 0.0F) continue;
     light(ids[i], x, y, 1, &one);
     sum += weights[i] * one;
   }
   return sum;
+}
+
+/// One triangle, or two of a mesh that meet here with one depth and one place on the texture.
+bool Rasteriser::continuous(std::uint32_t a, std::uint32_t b, int x, int y) const {
+  if (a == b) return true;
+  if (a == VisibilityBuffer::kNothing || b == VisibilityBuffer::kNothing) return false;
+  const Seen &one = drawn_[a], &other = drawn_[b];
+  if (one.piece != other.piece) return false;
+  const Eigen::Vector3f ray(ray_x_.at(x, y), ray_y_.at(x, y), 1.0F);
+  const float w = one.w.dot(ray), v = other.w.dot(ray);
+  if (!(std::abs(w - v) <= 0.005F * w)) return false;
+  const auto apart = [&](const Eigen::Vector3f& f, const Eigen::Vector3f& g) {
+    const float difference = f.dot(ray) / w - g.dot(ray) / v;
+    return std::abs(difference - static_cast<float>(static_cast<int>(difference + (difference < 0 ? -0.5F : 0.5F))));
+  };
+  return apart(one.u, other.u) * static_cast<float>(one.texture->width()) < 2.0F &&
+         apart(one.v, other.v) * static_cast<float>(one.texture->height()) < 2.0F;
 }
 
 void Rasteriser::light(std::uint32_t id, int x, int y, int count, float* out) const {

@@ -83,6 +83,7 @@ class Rasteriser {
   int clip(std::vector<Eigen::Vector3d>& polygon) const;
   void light_row(int y);
   float light_edge(int x, int y, std::uint32_t first_corner) const;
+  bool continuous(std::uint32_t a, std::uint32_t b, int x, int y) const;
   void light(std::uint32_t id, int x, int y, int count, float* out) const;
   float sky(float ray_x, float ray_y) const;
   std::uint32_t id_at(const Eigen::Vector2d& ray) const;
