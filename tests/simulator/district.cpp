@@ -175,6 +175,9 @@ StreetPlan plan_district(std::uint32_t seed, const DistrictParams& params) {
   Rows rows(plan, network, params.gap_share, random);
   for (std::size_t i = 0; i < plan.streets.size(); ++i)
     for (const double side : {1.0, -1.0}) rows.build(plan.streets[i], side);
+  // A second row all around, so that no gap looks out on the plain.
+  const double x = w + 42.0, y = d + 42.0;
+  rows.build(street_of({{-x, -y}, {-x, y}, {x, y}, {x, -y}, {-x, -y}}, 0.0, 7), -1.0);
   // What closes the view where a street leaves the district.
   for (const std::size_t i : {0U, 4U, 5U}) {
     for (const bool at_end : {false, true}) {
