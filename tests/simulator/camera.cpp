@@ -7,6 +7,7 @@
 #include <cstring>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace convoy::simulator {
 namespace {
@@ -105,9 +106,9 @@ void CameraParams::validate() const {
     throw std::invalid_argument("CameraParams: T_body_camera is no rotation and translation; make it with mount()");
 }
 
-Camera::Camera(const Scene& scene, const CameraParams& params)
+Camera::Camera(const Scene& scene, const CameraParams& params, std::shared_ptr<const std::vector<MipTexture>> textures)
     : params_((params.validate(), params)),
-      rasteriser_(scene, Lens(params.lens), params.rendering),
+      rasteriser_(scene, Lens(params.lens), params.rendering, std::move(textures)),
       spread_(spread_of(params.blur_px)),
       falloff_(params.lens.width, params.lens.height),
       blurred_(params.lens.width, params.lens.height + 2 * (static_cast<int>(spread_.size()) - 1)),

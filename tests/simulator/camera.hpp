@@ -9,6 +9,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -58,7 +59,8 @@ struct Frame {
 class Camera {
  public:
   /// The scene must outlive the camera (see Rasteriser).
-  Camera(const Scene& scene, const CameraParams& params);
+  Camera(const Scene& scene, const CameraParams& params,
+         std::shared_ptr<const std::vector<MipTexture>> textures = nullptr);
 
   const CameraParams& params() const { return params_; }
   /// The frame of that number; none if it is dropped. The same scene, pose, number and keys give the same frame.

@@ -21,36 +21,50 @@ float log2_roughly(float x) {
   return static_cast<float>(static_cast<std::int32_t>(bits)) * 0x1p-23F - 127.0F;
 }
 
+/// Between which two of `from` texels the i-th of `to` lies, and how far from the first.
+struct Between {
+  std::size_t first, second;
+  double part;
+};
+
+std::vector<Between> places(int to, int from) {
+  std::vector<Between> all;
+  for (int i = 0; i < to; ++i) {
+    const double place = (i + 0.5) * from / to - 0.5;
+    const int first = static_cast<int>(std::floor(place));
+    const auto wrapped = [from](int texel) { return static_cast<std::size_t>((texel + from) % from); };
+    all.push_back({wrapped(first), wrapped(first + 1), place - first});
+  }
+  return all;
+}
+
 std::vector<float> stretched(const Texture& texture, int width, int height) {
+  if (texture.width == width && texture.height == height) return {texture.grey.begin(), texture.grey.end()};
   std::vector<float> grey;
   grey.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-  const auto place = [](int i, int to, int from) { return (i + 0.5) * from / to - 0.5; };
-  const auto at = [&texture](int x, int y) {
-    const int column = (x + texture.width) % texture.width, row = (y + texture.height) % texture.height;
-    return static_cast<double>(texture.grey[static_cast<std::size_t>(row * texture.width + column)]);
-  };
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
-      const double fx = place(x, width, texture.width), fy = place(y, height, texture.height);
-      const int x0 = static_cast<int>(std::floor(fx)), y0 = static_cast<int>(std::floor(fy));
-      const double a = fx - x0, b = fy - y0;
-      grey.push_back(static_cast<float>((at(x0, y0) * (1 - a) + at(x0 + 1, y0) * a) * (1 - b) +
-                                        (at(x0, y0 + 1) * (1 - a) + at(x0 + 1, y0 + 1) * a) * b));
-    }
+  const std::vector<Between> columns = places(width, texture.width);
+  for (const Between& y : places(height, texture.height)) {
+    const std::uint8_t* row = texture.grey.data() + y.first * static_cast<std::size_t>(texture.width);
+    const std::uint8_t* below = texture.grey.data() + y.second * static_cast<std::size_t>(texture.width);
+    for (const Between& x : columns)
+      grey.push_back(static_cast<float>((row[x.first] * (1 - x.part) + row[x.second] * x.part) * (1 - y.part) +
+                                        (below[x.first] * (1 - x.part) + below[x.second] * x.part) * y.part));
+  }
   return grey;
 }
 
 std::vector<float> halved(const std::vector<float>& grey, std::size_t width, std::size_t height, std::size_t by_x,
                           std::size_t by_y) {
-  std::vector<float> half;
-  half.reserve(grey.size() / (by_x * by_y));
-  for (std::size_t y = 0; y < height; y += by_y)
-    for (std::size_t x = 0; x < width; x += by_x) {
-      float sum = 0.0F;
-      for (std::size_t j = 0; j < by_y; ++j)
-        for (std::size_t i = 0; i < by_x; ++i) sum += grey[(y + j) * width + x + i];
-      half.push_back(sum / static_cast<float>(by_x * by_y));
-    }
+  std::vector<float> half(grey.size() / (by_x * by_y));
+  float* out = half.data();
+  const float part = 1.0F / static_cast<float>(by_x * by_y);  // a power of two
+  for (std::size_t y = 0; y < height; y += by_y) {
+    const float *row = grey.data() + y * width, *below = row + (by_y - 1) * width;
+    for (std::size_t x = 0; x < width; x += by_x, ++out)
+      *out = by_y == 2
+                 ? (by_x == 2 ? (row[x] + row[x + 1] + below[x] + below[x + 1]) * part : (row[x] + below[x]) * part)
+                 : (row[x] + row[x + 1]) * part;
+  }
   return half;
 }
 
@@ -81,10 +95,13 @@ MipTexture::MipTexture(const Texture& texture) {
 void MipTexture::add_level(const std::vector<float>& grey, unsigned log2_width, unsigned log2_height) {
   const std::size_t width = std::size_t{1} << log2_width, height = std::size_t{1} << log2_height;
   Level level{32U - log2_width, 32U - log2_height, 1U << (31U - log2_width), 1U << (31U - log2_height), width + 1, {}};
-  level.grey.reserve((width + 1) * (height + 1));
-  for (std::size_t y = 0; y <= height; ++y)
-    for (std::size_t x = 0; x <= width; ++x)
-      level.grey.push_back(static_cast<std::uint8_t>(grey[(y % height) * width + x % width] + 0.5F));
+  level.grey.resize((width + 1) * (height + 1));
+  std::uint8_t* out = level.grey.data();
+  for (std::size_t y = 0; y <= height; ++y, out += width + 1) {
+    const float* row = grey.data() + (y < height ? y : 0) * width;
+    for (std::size_t x = 0; x < width; ++x) out[x] = static_cast<std::uint8_t>(row[x] + 0.5F);
+    out[width] = out[0];
+  }
   levels_.push_back(std::move(level));
 }
 
@@ -121,6 +138,13 @@ MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filt
           fixed(along_u * part),
           fixed(along_v * part),
           part * 0x1p-16F};
+}
+
+std::shared_ptr<const std::vector<MipTexture>> mip_textures(const Scene& scene) {
+  auto all = std::make_shared<std::vector<MipTexture>>();
+  all->reserve(scene.textures.size());
+  for (const Texture& texture : scene.textures) all->emplace_back(texture);
+  return all;
 }
 
 }  // namespace convoy::simulator

@@ -4,6 +4,7 @@
 #include "scene.hpp"
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 namespace convoy::simulator {
@@ -91,5 +92,8 @@ inline float MipTexture::sample(float u, float v, const Taps& taps) {
   }
   return static_cast<float>(sum) * taps.scale;
 }
+
+/// All textures of a scene, to be shared by the cameras in it.
+std::shared_ptr<const std::vector<MipTexture>> mip_textures(const Scene& scene);
 
 }  // namespace convoy::simulator

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace convoy::simulator {
 namespace {
@@ -60,10 +61,13 @@ void RasteriserParams::validate() const {
   require(oversampling >= 0.5 && oversampling <= 3.0, "oversampling must be 0.5 to 3");
 }
 
-Rasteriser::Rasteriser(const Scene& scene, const Lens& lens, const RasteriserParams& params)
+Rasteriser::Rasteriser(const Scene& scene, const Lens& lens, const RasteriserParams& params,
+                       std::shared_ptr<const std::vector<MipTexture>> textures)
     : scene_(scene),
       lens_(lens),
       params_((params.validate(), params)),
+      shared_textures_(textures ? std::move(textures) : mip_textures(scene)),
+      textures_(*shared_textures_),
       buffer_(window_of(lens, params.oversampling)),
       ray_x_(lens.params().width, lens.params().height),
       ray_y_(ray_x_),
@@ -71,8 +75,6 @@ Rasteriser::Rasteriser(const Scene& scene, const Lens& lens, const RasteriserPar
       right_(ray_x_.width, ray_x_.height),
       below_(right_),
       light_(ray_x_) {
-  textures_.reserve(scene.textures.size());
-  for (const Texture& texture : scene.textures) textures_.emplace_back(texture);
   if (scene.sky >= textures_.size())
     throw std::invalid_argument("Scene: the sky is texture " + std::to_string(scene.sky) + " of " +
                                 std::to_string(textures_.size()) + "; add it to textures");

@@ -10,6 +10,7 @@
 #include <Eigen/Geometry>
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <vector>
 
@@ -42,7 +43,9 @@ class Rasteriser {
  public:
   /// The scene must outlive it; meshes and textures must not change, T_world_object may. Throws std::invalid_argument
   /// on meshes that name textures or vertices that are not there, or coordinates that are not finite.
-  Rasteriser(const Scene& scene, const Lens& lens, const RasteriserParams& params = {});
+  /// `textures`: the scene's, if others have them already.
+  Rasteriser(const Scene& scene, const Lens& lens, const RasteriserParams& params = {},
+             std::shared_ptr<const std::vector<MipTexture>> textures = nullptr);
 
   /// What follows is of the last pose rendered.
   const LightImage& render(const Eigen::Isometry3d& T_world_camera);
@@ -91,7 +94,8 @@ class Rasteriser {
   const Scene& scene_;
   Lens lens_;
   RasteriserParams params_;
-  std::vector<MipTexture> textures_;
+  std::shared_ptr<const std::vector<MipTexture>> shared_textures_;
+  const std::vector<MipTexture>& textures_;
   std::vector<Piece> pieces_;
   VisibilityBuffer buffer_;
   Image<float> ray_x_, ray_y_;         ///< where a frame pixel's ray meets the plane z = 1

@@ -197,10 +197,11 @@ struct LiveSource::Impl {
     first_body = add_bodies(world, options.vehicles, options.seed);
     for (int number = 1; number <= options.vehicles; ++number)
       driven.push_back(std::make_unique<Driven>(options, world, route, static_cast<std::uint32_t>(number)));
+    const auto textures = mip_textures(world.scene);
     cameras.resize(driven.size());
     in_parallel([&](std::size_t i) {
       cameras[i] = std::make_unique<Camera>(
-          world.scene, camera_params(options, driven[i]->number, first_body + static_cast<std::uint32_t>(i)));
+          world.scene, camera_params(options, driven[i]->number, first_body + static_cast<std::uint32_t>(i)), textures);
     });
     for (std::size_t i = 0; i < driven.size(); ++i)
       vehicles.push_back({driven[i]->number, data_of(cameras[i]->params())});
