@@ -1,8 +1,8 @@
 #include "fleet_bodies.hpp"
 
-#include "scene_builder.hpp"
-#include "street_furniture.hpp"
-#include "vehicle_params.hpp"
+#include <convoy/simulator/scene_builder.hpp>
+#include <convoy/simulator/street_furniture.hpp>
+#include <convoy/simulator/vehicle_params.hpp>
 
 #include <iterator>
 #include <utility>

@@ -1,7 +1,7 @@
 // The fleet's own vehicles as they are seen by one another.
 #pragma once
 
-#include "world.hpp"
+#include <convoy/simulator/world.hpp>
 
 #include <cstdint>
 

@@ -1,16 +1,17 @@
 #include "live_source.hpp"
 
-#include "camera.hpp"
-#include "district.hpp"
+#include <convoy/simulator/camera.hpp>
+#include <convoy/simulator/district.hpp>
+#include <convoy/simulator/gps.hpp>
+#include <convoy/simulator/odometer.hpp>
+#include <convoy/simulator/osm_world.hpp>
+#include <convoy/simulator/route_follower.hpp>
+#include <convoy/simulator/traffic.hpp>
+#include <convoy/simulator/vehicle_physics.hpp>
+
 #include "fleet_bodies.hpp"
-#include "gps.hpp"
-#include "odometer.hpp"
-#include "osm_world.hpp"
-#include "route_follower.hpp"
 #include "sensor_samples.hpp"
 #include "sim_error.hpp"
-#include "traffic.hpp"
-#include "vehicle_physics.hpp"
 
 #include <algorithm>
 #include <future>
