@@ -123,7 +123,9 @@ class Measurement {
     ++statistics_.matches;
     if ((Eigen::Vector2d(match.x, match.y) - *exact).norm() > params_.good_px) return ++track.missed <= params_.misses;
     ++good_, ++track.length, track.missed = 0;
-    track.patch = patch_at(image, match.x, match.y), track.pixel = {match.x, match.y};
+    // Each new patch is up to half a pixel beside the corner: the old one stays while it is good.
+    if (match.score < params_.renew) track.patch = patch_at(image, match.x, match.y);
+    track.pixel = {match.x, match.y};
     return true;
   }
 

@@ -14,8 +14,9 @@ namespace convoy::simulator {
 struct FeatureParams {
   std::size_t tracks = 60;        ///< held at a time; new Shi-Tomasi corners replace lost ones
   double prediction_px = 2.0;     ///< noise of where a patch is looked for, standard deviation per axis
-  int search_px = 6;              ///< each way
+  int search_px = 6;              ///< each way: three standard deviations
   double accept = 0.8;            ///< least ZNCC of 11 x 11 patches
+  double renew = 0.9;             ///< below that, a track goes on with the patch as it is seen now
   double good_px = 2.5;           ///< of the truth
   std::size_t misses = 1;         ///< frames in a row that a track outlives its patch not being found
   double second_left_m = 2.0;     ///< of the second vehicle's line

@@ -19,11 +19,12 @@ using namespace convoy::simulator;
 struct Drive {
   Scene scene;
   std::vector<Eigen::Isometry3d> T_world_body;  ///< one per frame
+  double frame_m = 0.8;                         ///< from one to the next
 };
 
 /// 8 m/s at 10 Hz with some sway.
 Drive test_drive() {
-  Drive drive{test_street(300.0), {}};
+  Drive drive{test_street(300.0), {}, 0.8};
   for (int i = 0; i < 300; ++i) {
     Eigen::Isometry3d T_world_body = Eigen::Isometry3d::Identity();
     T_world_body.translation() = Eigen::Vector3d(0.8 * i, -2.0, 0.0);
@@ -46,11 +47,14 @@ Drive drive_around(World world) {
     drive.T_world_body.push_back(vehicle.state().T_world_body);
   }
   drive.scene = std::move(world.scene);
+  drive.frame_m = driver.speed_mps / 10.0;
   return drive;
 }
 
 void report(const std::string& name, const Drive& drive) {
-  const FeatureStatistics s = feature_statistics(drive.scene, {}, drive.T_world_body);
+  FeatureParams params;
+  params.second_reach = static_cast<std::size_t>(std::lround(8.0 / drive.frame_m));  // 8 m
+  const FeatureStatistics s = feature_statistics(drive.scene, {}, drive.T_world_body, params);
   std::printf("%s: %zu frames, %zu tracks: median %.0f, p95 %.0f frames\n", name.c_str(), s.frames, s.tracks,
               s.median_track, s.p95_track);
   std::printf("  %.1f %% of %zu matches within 2.5 px of the truth\n", 100.0 * s.good_matches, s.matches);

@@ -4,6 +4,7 @@
 #include <signal.h>
 
 #include <chrono>
+#include <cstdio>
 #include <memory>
 #include <thread>
 
@@ -87,6 +88,29 @@ TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
   Fleet fleet("--deadline 2" + small, {"--garbage 1"});
   EXPECT_EQ(fleet.sim->wait(), 1);
   EXPECT_NE(fleet.sim->output().find("vehicle 1 did not appear"), std::string::npos) << fleet.sim->output();
+}
+
+TEST(Topics, TheTruthIsOnADomainOfItsOwn) {
+  const ScratchFolder scratch;
+  Fleet fleet("--truth-depth --record " + (scratch / "recording").string() + small,
+              {"--truth-domain " + std::to_string(domain_of_this_test() + 1)});
+  fleet.expect_success();
+  std::vector<std::string> heard;
+  for (const std::string& line : lines_of(fleet.said(1)))
+    if (line.rfind("truth ", 0) == 0) heard.push_back(line);
+  const std::vector<std::string> rows = lines_of(read_text(scratch / "recording/vehicle_1/truth.csv"));
+  ASSERT_EQ(heard.size() + 1, rows.size());
+  for (std::size_t i = 0; i < heard.size(); ++i) {
+    double time_s = 0.0, x = 0.0, y = 0.0, heard_x = 1.0, heard_y = 1.0;
+    unsigned step = 0, solid = 0, pixels = 0;
+    ASSERT_EQ(std::sscanf(rows[i + 1].c_str(), "%u,%lf,%lf,%lf", &step, &time_s, &x, &y), 4);
+    ASSERT_EQ(std::sscanf(heard[i].c_str(), "truth %lf %lf depth %u of %u", &heard_x, &heard_y, &solid, &pixels), 4);
+    EXPECT_EQ(heard_x, x);
+    EXPECT_EQ(heard_y, y);
+    EXPECT_EQ(pixels, 64U * 48U);
+    EXPECT_GT(solid, pixels / 3);  // the street
+    EXPECT_LT(solid, pixels);      // and the sky
+  }
 }
 
 TEST(Topics, AreOnTheLoopbackDeviceAlone) {

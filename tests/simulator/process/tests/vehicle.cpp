@@ -17,6 +17,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <map>
+#include <memory>
 #include <string>
 #include <thread>
 #include <vector>
@@ -30,9 +31,10 @@ using Clock = std::chrono::steady_clock;
 
 struct Options {
   std::uint32_t domain = 0, vehicle = 1;
-  std::uint32_t silent_from = 0;  // step from which it does not answer any more; 0: it does
-  int delay_ms = 0;               // for each step
-  bool garbage = false;           // answers first what nobody can read
+  std::uint32_t silent_from = 0;   // step from which it does not answer any more; 0: it does
+  int delay_ms = 0;                // for each step
+  bool garbage = false;            // answers first what nobody can read
+  std::uint32_t truth_domain = 0;  // where it hears the truth, as a judge would; 0: it does not
 };
 
 Options options_of(int argc, char** argv) {
@@ -45,6 +47,7 @@ Options options_of(int argc, char** argv) {
     if (name == "--silent-from") options.silent_from = value;
     if (name == "--delay-ms") options.delay_ms = static_cast<int>(value);
     if (name == "--garbage") options.garbage = value != 0;
+    if (name == "--truth-domain") options.truth_domain = value;
   }
   return options;
 }
@@ -65,28 +68,74 @@ class Garbage final : public v1::StepDonePubSubType {
   }
 };
 
-class Vehicle {
+/// Readers and writers in one domain, on the loopback device.
+class Domain {
  public:
-  explicit Vehicle(const Options& options) : options_(options) {
+  explicit Domain(std::uint32_t domain) {
     edds::DomainParticipantQos qos;
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
     udp->interfaceWhiteList = {"127.0.0.1"};
     udp->receiveBufferSize = 4 << 20;
     qos.transport().use_builtin_transports = false;
     qos.transport().user_transports = {udp};
-    participant_ = edds::DomainParticipantFactory::get_instance()->create_participant(options.domain, qos);
+    participant_ = edds::DomainParticipantFactory::get_instance()->create_participant(domain, qos);
     publisher_ = participant_->create_publisher(edds::PublisherQos());
     subscriber_ = participant_->create_subscriber(edds::SubscriberQos());
-    frames_ = reader(new v1::CameraFramePubSubType, "CameraFrame");
-    odometry_ = reader(new v1::OdometryPubSubType, "Odometry");
-    gps_ = reader(new v1::GpsPubSubType, "Gps");
-    steps_ = reader(new v1::StepPubSubType, "Step");
-    calibrations_ = reader(new v1::CameraCalibrationPubSubType, "CameraCalibration");
-    done_ = writer(options.garbage ? new Garbage : new v1::StepDonePubSubType);
   }
-  ~Vehicle() {
+  ~Domain() {
     participant_->delete_contained_entities();
     edds::DomainParticipantFactory::get_instance()->delete_participant(participant_);
+  }
+  Domain(const Domain&) = delete;
+  Domain& operator=(const Domain&) = delete;
+
+  edds::DataReader* reader(edds::TopicDataType* type, const std::string& name) {
+    edds::DataReaderQos qos;
+    qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
+    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.history().kind = edds::KEEP_ALL_HISTORY_QOS;
+    qos.resource_limits().max_samples = 0;
+    qos.resource_limits().max_instances = 0;
+    qos.resource_limits().max_samples_per_instance = 0;
+    qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+    qos.data_sharing().off();
+    return subscriber_->create_datareader(topic(edds::TypeSupport(type), name), qos);
+  }
+  edds::DataWriter* writer(edds::TopicDataType* type, const std::string& name) {
+    edds::DataWriterQos qos;
+    qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
+    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.data_sharing().off();
+    return publisher_->create_datawriter(topic(edds::TypeSupport(type), name), qos);
+  }
+
+ private:
+  edds::Topic* topic(edds::TypeSupport type, const std::string& name) {
+    type->auto_fill_type_object(false);
+    type->auto_fill_type_information(false);
+    type.register_type(participant_);
+    const std::string whole = "convoy/sensors/v1/" + name;
+    return participant_->create_topic(whole, type.get_type_name(), edds::TopicQos());
+  }
+
+  edds::DomainParticipant* participant_ = nullptr;
+  edds::Publisher* publisher_ = nullptr;
+  edds::Subscriber* subscriber_ = nullptr;
+};
+
+class Vehicle {
+ public:
+  explicit Vehicle(const Options& options) : options_(options), sensors_(options.domain) {
+    frames_ = sensors_.reader(new v1::CameraFramePubSubType, "CameraFrame");
+    odometry_ = sensors_.reader(new v1::OdometryPubSubType, "Odometry");
+    gps_ = sensors_.reader(new v1::GpsPubSubType, "Gps");
+    steps_ = sensors_.reader(new v1::StepPubSubType, "Step");
+    calibrations_ = sensors_.reader(new v1::CameraCalibrationPubSubType, "CameraCalibration");
+    done_ = sensors_.writer(options.garbage ? new Garbage : new v1::StepDonePubSubType, "StepDone");
+    if (options.truth_domain == 0) return;
+    judge_ = std::make_unique<Domain>(options.truth_domain);
+    truths_ = judge_->reader(new v1::TruthPubSubType, "Truth");
+    depths_ = judge_->reader(new v1::TruthDepthPubSubType, "TruthDepth");
   }
 
   /// Until the last step has been done. The exit status.
@@ -97,6 +146,7 @@ class Vehicle {
       const bool heard = eventually([&] { return take_own(steps_, step); });
       if (!heard || !eventually([&] { return take_all(step); })) return 1;
       say(step);
+      if (judge_ && !say_truth(step)) return 1;
       std::this_thread::sleep_for(std::chrono::milliseconds(options_.delay_ms));
       if (options_.silent_from == 0 || step.header().step() < options_.silent_from)
         answer(step.header().run(), step.header().step());
@@ -110,33 +160,6 @@ class Vehicle {
   }
 
  private:
-  edds::Topic* topic(edds::TypeSupport type, const std::string& name) {
-    type->auto_fill_type_object(false);
-    type->auto_fill_type_information(false);
-    type.register_type(participant_);
-    const std::string whole = "convoy/sensors/v1/" + name;
-    return participant_->create_topic(whole, type.get_type_name(), edds::TopicQos());
-  }
-  edds::DataReader* reader(edds::TopicDataType* type, const std::string& name) {
-    edds::DataReaderQos qos;
-    qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
-    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-    qos.history().kind = edds::KEEP_ALL_HISTORY_QOS;
-    qos.resource_limits().max_samples = 0;
-    qos.resource_limits().max_instances = 0;
-    qos.resource_limits().max_samples_per_instance = 0;
-    qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-    qos.data_sharing().off();
-    return subscriber_->create_datareader(topic(edds::TypeSupport(type), name), qos);
-  }
-  edds::DataWriter* writer(edds::TopicDataType* type) {
-    edds::DataWriterQos qos;
-    qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
-    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-    qos.data_sharing().off();
-    return publisher_->create_datawriter(topic(edds::TypeSupport(type), "StepDone"), qos);
-  }
-
   template <class Done>
   static bool eventually(const Done& done) {
     const auto deadline = Clock::now() + std::chrono::seconds(20);
@@ -180,6 +203,20 @@ class Vehicle {
     positions_.erase(number);
   }
 
+  /// As the simulator is run with --truth-depth and without dropped frames.
+  bool say_truth(const v1::Step& step) {
+    v1::Truth truth;
+    v1::TruthDepth depth;
+    if (!eventually([&] { return take_own(truths_, truth); }) || truth.header().step() != step.header().step() ||
+        !eventually([&] { return take_own(depths_, depth); }) || depth.header().step() != step.header().step())
+      return false;
+    std::size_t solid = 0;
+    for (const float d : depth.depth()) solid += d > 0.0F;
+    std::printf("truth %.17g %.17g depth %zu of %zu\n", truth.T_world_body()[0], truth.T_world_body()[1], solid,
+                depth.depth().size());
+    return true;
+  }
+
   void answer(std::uint64_t run, std::uint32_t step) {
     v1::StepDone sample;
     sample.vehicle(options_.vehicle);
@@ -189,11 +226,10 @@ class Vehicle {
   }
 
   const Options options_;
-  edds::DomainParticipant* participant_ = nullptr;
-  edds::Publisher* publisher_ = nullptr;
-  edds::Subscriber* subscriber_ = nullptr;
+  Domain sensors_;
+  std::unique_ptr<Domain> judge_;
   edds::DataReader *frames_ = nullptr, *odometry_ = nullptr, *gps_ = nullptr, *steps_ = nullptr,
-                   *calibrations_ = nullptr;
+                   *calibrations_ = nullptr, *truths_ = nullptr, *depths_ = nullptr;
   edds::DataWriter* done_ = nullptr;
   std::map<std::uint32_t, std::vector<v1::CameraFrame>> pictures_;
   std::map<std::uint32_t, std::vector<v1::Odometry>> readings_;
