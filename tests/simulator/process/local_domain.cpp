@@ -59,6 +59,7 @@ LocalDomain::~LocalDomain() {
 }
 
 edds::Topic* LocalDomain::topic_of(edds::TypeSupport type, const std::string& topic) {
+  if (auto* known = dynamic_cast<edds::Topic*>(participant_->lookup_topicdescription(topic))) return known;
   type->auto_fill_type_object(false);
   type->auto_fill_type_information(false);
   type.register_type(participant_);

@@ -69,6 +69,9 @@ class Run {
       std::printf("vehicle %u: %zu frames, %zu odometry readings, %zu positions; digest %s\n",
                   source_.vehicles()[i].vehicle, sums_[i].frames, sums_[i].odometry, sums_[i].gps,
                   sums_[i].digest.text().c_str());
+    if (topics_->unsent() > 0)
+      std::fprintf(stderr, "convoy sim: %llu samples could not be sent\n",
+                   static_cast<unsigned long long>(topics_->unsent()));
     if (topics_->undecodable() > 0)
       std::fprintf(stderr, "convoy sim: %llu answers could not be read\n",
                    static_cast<unsigned long long>(topics_->undecodable()));

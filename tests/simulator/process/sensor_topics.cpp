@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <chrono>
 #include <condition_variable>
+#include <cstdio>
 #include <map>
 #include <mutex>
 
@@ -18,17 +19,17 @@ namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
 
-/// An exception of the generated code would end the process, and a `false` hide the samples behind: what is no StepDone
-/// becomes one of vehicle 0.
-class GuardedStepDone final : public wire::StepDonePubSubType {
+/// An exception of the generated code would end the process, and a `false` hide the samples behind: what cannot be read
+/// becomes a sample of vehicle 0.
+template <class PubSubType>
+class Guarded final : public PubSubType {
  public:
   bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
-    auto& done = *static_cast<wire::StepDone*>(data);
     try {
-      if (wire::StepDonePubSubType::deserialize(payload, data)) return true;
+      if (PubSubType::deserialize(payload, data)) return true;
     } catch (...) {
     }
-    done = wire::StepDone();
+    *static_cast<typename PubSubType::type*>(data) = {};
     return true;
   }
 };
@@ -75,6 +76,12 @@ class Answers final : public edds::DataReaderListener {
   std::uint64_t undecodable_ = 0;
 };
 
+std::string text_of(double seconds) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g s", seconds);
+  return text;
+}
+
 std::string listed(const std::vector<std::uint32_t>& vehicles) {
   std::string text = vehicles.size() == 1 ? "vehicle " : "vehicles ";
   for (std::size_t i = 0; i < vehicles.size(); ++i) text += (i > 0 ? ", " : "") + std::to_string(vehicles[i]);
@@ -97,14 +104,26 @@ struct SensorTopics::Impl {
   }
 
   template <class Sample>
-  void write(edds::DataWriter* to, Sample sample) const {
-    if (!to->write(&sample) && options.lock_step)
-      throw DeadlineError("step not sent: a subscriber of " + to->get_topic()->get_name() +
-                          " has not taken what was sent before for " + std::to_string(options.deadline_s) + " s");
+  void write(edds::DataWriter* to, Sample sample) {
+    if (to->write(&sample)) return;
+    ++unsent;
+    if (options.lock_step)
+      throw DeadlineError("a subscriber of " + to->get_topic()->get_name() + " has not taken what was sent for " +
+                          text_of(options.deadline_s));
+  }
+
+  /// Of two that send the same vehicles, the later gives up.
+  void expect_no_other(std::uint32_t step) const {
+    edds::SubscriptionMatchedStatus status;
+    others->get_subscription_matched_status(status);
+    if (step <= 3 && status.current_count > 1)
+      throw SetUpError("another simulator speaks on domain " + std::to_string(options.sensor_domain) +
+                       "; end it, or take another domain by --domain-sensors");
   }
 
   const TopicOptions options;
   const std::uint64_t run;
+  std::uint64_t unsent = 0;
   Answers answers;  // before the domains, so that it outlives them
   LocalDomain sensors, truths;
   edds::DataWriter* calibration = writer<wire::CameraCalibrationPubSubType>(sensors, "CameraCalibration", 1);
@@ -114,8 +133,10 @@ struct SensorTopics::Impl {
   edds::DataWriter* steps = writer<wire::StepPubSubType>(sensors, "Step", 400);
   edds::DataWriter* truth = writer<wire::TruthPubSubType>(truths, "Truth", 400);
   edds::DataWriter* depth = options.depth ? writer<wire::TruthDepthPubSubType>(truths, "TruthDepth", 2) : nullptr;
+  edds::DataReader* others =  // is matched with every writer of steps, this one's too
+      sensors.reader(edds::TypeSupport(new Guarded<wire::StepPubSubType>), "convoy/sensors/v1/Step", nullptr);
   edds::DataReader* done =
-      sensors.reader(edds::TypeSupport(new GuardedStepDone), "convoy/sensors/v1/StepDone", &answers);
+      sensors.reader(edds::TypeSupport(new Guarded<wire::StepDonePubSubType>), "convoy/sensors/v1/StepDone", &answers);
 };
 
 SensorTopics::SensorTopics(const TopicOptions& options, const std::vector<SourceVehicle>& vehicles, std::uint64_t run)
@@ -128,6 +149,7 @@ SensorTopics::~SensorTopics() = default;
 
 void SensorTopics::publish(const StepData& step) {
   const std::uint64_t run = impl_->run;
+  impl_->expect_no_other(step.step);
   for (const VehicleStep& of_vehicle : step.vehicles) {
     const std::uint32_t vehicle = of_vehicle.vehicle;
     impl_->write(impl_->truth, truth_sample(run, step, of_vehicle));
@@ -154,8 +176,7 @@ bool SensorTopics::wait_for(const std::vector<std::uint32_t>& vehicles, std::uin
     if (missing.empty()) return true;
     if (stop()) return false;
     if (now < deadline) continue;
-    char seconds[32];
-    std::snprintf(seconds, sizeof seconds, "%g s", impl_->options.deadline_s);
+    const std::string seconds = text_of(impl_->options.deadline_s);
     throw DeadlineError(step == 0
                             ? listed(missing) + " did not appear on domain " +
                                   std::to_string(impl_->options.sensor_domain) + " within " + seconds
@@ -171,6 +192,7 @@ void SensorTopics::finish(double deadline_s) {
     writer->wait_for_acknowledgments(wait);
 }
 
+std::uint64_t SensorTopics::unsent() const { return impl_->unsent; }
 std::uint64_t SensorTopics::undecodable() const { return impl_->answers.undecodable(); }
 
 }  // namespace convoy::simulator

@@ -26,7 +26,8 @@ class SensorTopics {
   SensorTopics(const SensorTopics&) = delete;
   SensorTopics& operator=(const SensorTopics&) = delete;
 
-  /// Throws DeadlineError in lock-step if a subscriber does not take what is sent.
+  /// Throws SetUpError if another simulator turns out to speak on the domain, DeadlineError in lock-step if a
+  /// subscriber does not take what is sent.
   void publish(const StepData& step);
 
   /// Waits until each of the vehicles has said that it is done with the step; 0: that it is there. Throws DeadlineError
@@ -37,6 +38,7 @@ class SensorTopics {
   /// Waits for subscribers to have what was sent, within the deadline.
   void finish(double deadline_s);
 
+  std::uint64_t unsent() const;       ///< samples that the middleware did not take; not in lock-step
   std::uint64_t undecodable() const;  ///< answers that were none
 
  private:

@@ -124,6 +124,20 @@ TEST(Topics, AreOnTheLoopbackDeviceAlone) {
     EXPECT_TRUE(address == "0100007F" || address == "0100FFEF") << address << ": neither 127.0.0.1 nor 239.255.0.1";
 }
 
+TEST(Topics, TwoSimulatorsDoNotSpeakOnOneDomain) {
+  Fleet first("--rate 1 --duration 1000" + block, {""});
+  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  while (steps_of(first.said(1)) < 4 && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  Fleet second("--rate 1 --duration 1000" + block, {});
+  EXPECT_EQ(second.sim->wait(), 2);
+  EXPECT_NE(second.sim->output().find("another simulator speaks on domain"), std::string::npos) << second.sim->output();
+  const std::size_t steps = steps_of(first.said(1));
+  while (steps_of(first.said(1)) < steps + 3 && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  EXPECT_GE(steps_of(first.said(1)), steps + 3) << "the first one goes on";
+}
+
 TEST(WallClock, KeepsToTheRate) {
   const auto start = steady_clock::now();
   Fleet fleet("--duration 3 --rate 2 --wait-for 1" + block, {""});
