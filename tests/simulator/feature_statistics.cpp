@@ -104,11 +104,16 @@ class Measurement {
       const auto frame = camera.take(poses[i], static_cast<std::uint32_t>(i));
       if (!frame) continue;
       std::erase_if(tracks_, [&](Track& track) {
+        const std::size_t before = track.length;
         const bool lost = !follow(track, frame->image, camera.truth());
+        if (track.length > before && track.length == params_.mapped_after)
+          mapped_.push_back(
+              {patch_at(frame->image, static_cast<int>(track.pixel.x()), static_cast<int>(track.pixel.y())),
+               track.p_world, i});
         if (lost) lengths_.push_back(track.length);
         return lost;
       });
-      add_corners(frame->image, camera.truth(), i);
+      add_corners(frame->image, camera.truth());
       compare_pairs();
     }
     for (const Track& track : tracks_) lengths_.push_back(track.length);
@@ -129,7 +134,7 @@ class Measurement {
     return true;
   }
 
-  void add_corners(const GreyImage& image, const Rasteriser& truth, std::size_t frame) {
+  void add_corners(const GreyImage& image, const Rasteriser& truth) {
     if (tracks_.size() >= params_.tracks) return;
     const cv::Mat grey(image.height, image.width, CV_8U, const_cast<std::uint8_t*>(image.row(0)));
     cv::Mat free(grey.size(), CV_8U, cv::Scalar(255));
@@ -143,7 +148,6 @@ class Measurement {
       const auto p_world = truth.world_point(x, y);
       if (!p_world || !has_patch(image, x, y)) continue;
       tracks_.push_back({patch_at(image, x, y), *p_world, {x, y}});
-      mapped_.push_back({tracks_.back().patch, *p_world, frame});
     }
   }
 

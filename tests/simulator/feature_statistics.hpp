@@ -19,6 +19,7 @@ struct FeatureParams {
   double renew = 0.9;             ///< below that, a track goes on with the patch as it is seen now
   double good_px = 2.5;           ///< of the truth
   std::size_t misses = 1;         ///< frames in a row that a track outlives its patch not being found
+  std::size_t mapped_after = 7;   ///< frames of its track: a landmark by then
   double second_left_m = 2.0;     ///< of the second vehicle's line
   std::size_t second_reach = 10;  ///< frames before and after in which it may find a patch
 };
@@ -33,7 +34,8 @@ struct FeatureStatistics {
 
 /// Drives the poses, one per frame, and again beside them. A patch that is matched beside the truth counts as not
 /// found, as a gate would have it. A track ends as its patch leaves the frame, too; its length is that of its good
-/// matches and its first sight. A patch is mapped where its corner is first seen.
+/// matches and its first sight. A patch is mapped when its track has been good for long
+/// enough, as it looks then.
 FeatureStatistics feature_statistics(const Scene& scene, const CameraParams& camera,
                                      const std::vector<Eigen::Isometry3d>& T_world_body,
                                      const FeatureParams& params = {});
