@@ -17,6 +17,7 @@
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
 #include "report/report.hpp"
+#include "sim.hpp"
 #include "solve.hpp"
 #include "vehicle_process.hpp"
 
@@ -196,6 +197,9 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember(cli::bench_network_cases()));
   network_command->callback([&] { status = cli::run_bench_network(network); });
 
+  // Only for the list of commands: its words are the simulator's affair.
+  app.add_subcommand("sim", "Simulate vehicles in streets: what they sense, as DDS topics (convoy sim --help)");
+
   cli::BenchPeerOptions peer;
   auto* peer_command = app.add_subcommand("bench-peer", "One process of convoy bench network")->group("");
   peer_command->add_option("--profile", peer.profile)->required();
@@ -212,6 +216,7 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
+    if (argc > 1 && std::string(argv[1]) == "sim") cli::become_simulator(argc, argv);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;  // 0: --help, --version

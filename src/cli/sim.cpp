@@ -1,0 +1,34 @@
+#include "sim.hpp"
+
+#include <convoy/config_error.hpp>
+
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "child_process.hpp"
+
+namespace convoy::cli {
+
+void become_simulator(int argc, char** argv) {
+  const std::filesystem::path folder = this_program().parent_path();
+  std::filesystem::path program = folder / "convoy-sim";
+  if (const auto built = folder / "../../tests/simulator/convoy-sim";  // this is src/cli of a build tree
+      !std::filesystem::exists(program) && std::filesystem::exists(built))
+    program = built;
+  std::vector<char*> words(argv + 1, argv + argc);
+  std::string name = program.string();
+  words.front() = name.data();
+  words.push_back(nullptr);
+  execv(name.c_str(), words.data());
+  if (errno == ENOENT)
+    throw ConfigError("convoy-sim is not beside " + this_program().string() +
+                      "; build convoy with CONVOY_BUILD_SIMULATOR=ON, or install both");
+  throw ConfigError("cannot run " + name + ": " + std::strerror(errno));
+}
+
+}  // namespace convoy::cli

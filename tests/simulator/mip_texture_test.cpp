@@ -1,0 +1,83 @@
+#include "mip_texture.hpp"
+
+#include "random.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numeric>
+#include <stdexcept>
+
+namespace convoy::simulator {
+namespace {
+
+Texture noise(int width, int height) {
+  Texture texture{width, height, {}};
+  Stream stream({5, 0, 0, 0});
+  for (int i = 0; i < width * height; ++i) texture.grey.push_back(static_cast<std::uint8_t>(stream.below(256)));
+  return texture;
+}
+
+double mean(const Texture& texture) {
+  return std::accumulate(texture.grey.begin(), texture.grey.end(), 0.0) / static_cast<double>(texture.grey.size());
+}
+
+TEST(MipTexture, GivesATexelInItsMiddleAndRepeats) {
+  const Texture texture = noise(16, 8);
+  const MipTexture mips(texture);
+  for (int y = 0; y < 8; ++y)
+    for (int x = 0; x < 16; ++x)
+      for (const float repeat : {-3.0F, 0.0F, 2.0F})
+        EXPECT_NEAR(
+            mips.at_level((static_cast<float>(x) + 0.5F) / 16.0F + repeat, (static_cast<float>(y) + 0.5F) / 8.0F, 0),
+            texture.grey[static_cast<std::size_t>(y * 16 + x)], 0.01F);
+}
+
+TEST(MipTexture, SmallestLevelIsTheMean) {
+  for (const auto& [width, height] : {std::pair{64, 64}, {256, 16}, {1, 1}, {100, 30}}) {
+    const Texture texture = noise(width, height);
+    const MipTexture mips(texture);
+    EXPECT_NEAR(mips.at_level(0.5F, 0.5F, 99), mean(texture), 2.0) << width << " x " << height;
+  }
+}
+
+// What the taps say, against the mean of the texture over the footprint's parallelogram.
+TEST(MipTexture, AveragesAlongAFootprint) {
+  Texture texture = noise(256, 256);
+  const MipTexture mips(texture);
+  Stream stream({6, 0, 0, 0});
+  const auto error = [&](int most_taps, bool mipmaps) {
+    double squares = 0.0;
+    constexpr int n = 300;
+    for (int i = 0; i < n; ++i) {
+      const auto u = static_cast<float>(stream.uniform(0.0, 1.0)), v = static_cast<float>(stream.uniform(0.0, 1.0));
+      const double angle = stream.uniform(0.0, 2.0 * M_PI);
+      const auto c = static_cast<float>(std::cos(angle) / 256.0), s = static_cast<float>(std::sin(angle) / 256.0);
+      const Footprint footprint{12.0F * c, 12.0F * s, -1.5F * s, 1.5F * c};
+      double sum = 0.0;
+      for (int a = 0; a < 24; ++a)
+        for (int b = 0; b < 6; ++b) {
+          const float x = (static_cast<float>(a) + 0.5F) / 24.0F - 0.5F,
+                      y = (static_cast<float>(b) + 0.5F) / 6.0F - 0.5F;
+          sum += static_cast<double>(
+              mips.at_level(u + x * footprint.u_x + y * footprint.u_y, v + x * footprint.v_x + y * footprint.v_y, 0));
+        }
+      const float got = MipTexture::sample(u, v, mips.taps(footprint, {mipmaps, most_taps}));
+      squares += std::pow(static_cast<double>(got) - sum / 144.0, 2);
+    }
+    return std::sqrt(squares / n);
+  };
+  const double anisotropic = error(16, true), isotropic = error(1, true), none = error(1, false);
+  EXPECT_LT(anisotropic, 10.0);
+  EXPECT_LT(anisotropic, 0.75 * isotropic);
+  EXPECT_LT(anisotropic, 0.3 * none);
+}
+
+TEST(MipTexture, RefusesWhatIsNoTexture) {
+  EXPECT_THROW(MipTexture(Texture{}), std::invalid_argument);
+  EXPECT_THROW(MipTexture(Texture{2, 2, {1, 2, 3}}), std::invalid_argument);
+  EXPECT_THROW(MipTexture(Texture{10'000, 1, std::vector<std::uint8_t>(10'000)}), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace convoy::simulator

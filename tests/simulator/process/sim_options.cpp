@@ -1,0 +1,125 @@
+#include "sim_options.hpp"
+
+#include <CLI/CLI.hpp>
+
+#include <cstdio>
+
+namespace convoy::simulator {
+namespace {
+
+/// For numbers without sign: CLI11 takes "-1" for the largest of them.
+const CLI::Validator whole_number(
+    [](std::string& text) {
+      const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
+      return digits ? std::string() : "'" + text + "' is no whole number from 0 on";
+    },
+    "");
+
+/// "640x480" as two numbers; false if it is none.
+bool read_size(const std::string& text, int& width, int& height) {
+  char rest = 0;
+  return std::sscanf(text.c_str(), "%dx%d%c", &width, &height, &rest) == 2 && width >= 32 && width <= 1280 &&
+         height >= 24 && height <= 1024;
+}
+
+const CLI::Validator picture_size(
+    [](std::string& text) {
+      int width = 0, height = 0;
+      return read_size(text, width, height)
+                 ? std::string()
+                 : "'" + text + "' is no size from 32x24 to 1280x1024, like 640x480 or 512x384";
+    },
+    "");
+
+void add_world(CLI::App& app, SimOptions& options) {
+  app.add_option("--world", options.world, "district (a generated one, the default), or a file of OpenStreetMap XML");
+  app.add_option("--seed", options.seed, "of everything that is drawn at random (default: 1)")->check(whole_number);
+  app.add_option("--route", options.route, "by name, see --list-routes (default: the first)");
+  app.add_flag("--traffic", options.traffic, "other cars drive, too");
+  app.add_flag("--list-routes", options.list_routes, "say which routes the world has, and end");
+}
+
+void add_vehicles(CLI::App& app, SimOptions& options) {
+  app.add_option("--vehicles", options.vehicles, "how many, numbered from 1 on, 1 to 100 (default: 1)")
+      ->check(CLI::Range(1, 100));
+  app.add_option("--gap", options.gap_m, "metres from one to the next, 0 to 10000 (default: 20)")
+      ->check(CLI::Range(0.0, 10000.0));
+  app.add_option("--offset", options.offset_m,
+                 "metres to the left of the route, of each vehicle, comma-separated, -20 to 20 (default: 0)")
+      ->delimiter(',')
+      ->check(CLI::Range(-20.0, 20.0));
+  app.add_option("--speed", options.speed_mps, "m/s, 0.1 to 10 (default: 2)")->check(CLI::Range(0.1, 10.0));
+  app.add_option("--duration", options.duration_s, "simulated seconds, 0.1 to 100000 (default: once along the route)")
+      ->check(CLI::Range(0.1, 100000.0));
+  app.add_option("--distance", options.distance_m, "metres of the first vehicle, 0.1 to 1000000")
+      ->check(CLI::Range(0.1, 1e6));
+}
+
+void add_topics(CLI::App& app, SimOptions& options) {
+  app.add_option("--domain-sensors", options.sensor_domain, "DDS domain of sensors and lock-step, 0..232 (default: 10)")
+      ->check(CLI::Range(0, 232));
+  app.add_option("--domain-truth", options.truth_domain, "DDS domain of the truth, 0..232 (default: 11)")
+      ->check(CLI::Range(0, 232));
+  app.add_flag("--lock-step", options.lock_step, "each step waits until all vehicles have done it");
+  app.add_option("--rate", options.rate, "simulated seconds per second, 0.01 to 1000 (default: 1)")
+      ->check(CLI::Range(0.01, 1000.0));
+  app.add_option("--wait-for", options.wait_for,
+                 "the first so many vehicles, before the first step (default: in lock-step all, else none)")
+      ->check(CLI::Range(0, 100));
+  app.add_option("--deadline", options.deadline_s, "seconds for a vehicle's answer, 0.1 to 86400 (default: 30)")
+      ->check(CLI::Range(0.1, 86400.0));
+}
+
+/// What is wrong with options that are right each by itself.
+std::string fault_of(const SimOptions& options, const CLI::App& app) {
+  if (options.sensor_domain == options.truth_domain)
+    return "--domain-sensors and --domain-truth are the same; the truth is not for the vehicles";
+  if (!options.replay.empty() && !options.record.empty()) return "--record and --replay exclude each other";
+  if (options.lock_step && app.count("--rate") > 0)
+    return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";
+  if (options.replay.empty()) return {};
+  for (const char* of_world :
+       {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap", "--offset", "--speed",
+        "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth", "--snapshot"})
+    if (app.count(of_world) > 0) return std::string(of_world) + ": a recording is as it was; take it out";
+  return {};
+}
+
+}  // namespace
+
+ParsedOptions parse_options(int argc, char** argv) {
+  ParsedOptions parsed;
+  SimOptions& options = parsed.options;
+  CLI::App app{"convoy sim: vehicles that drive in streets, and what they sense, as DDS topics on 127.0.0.1",
+               "convoy sim"};
+  add_world(app, options);
+  add_vehicles(app, options);
+  std::string size;
+  app.add_option("--camera", size, "pixels, like 640x480 (the default) or 512x384")->check(picture_size);
+  app.add_option("--drop", options.drop_probability,
+                 "share of the frames that the camera drops, 0 to 1 (default: 0.002)")
+      ->check(CLI::Range(0.0, 1.0));
+  app.add_option("--gps", options.gps, "none (the default), standard or rtk")
+      ->check(CLI::IsMember({"none", "standard", "rtk"}));
+  app.add_flag("--truth-depth", options.depth, "the truth tells the distance of each pixel, too");
+  add_topics(app, options);
+  app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed");
+  app.add_option("--replay", options.replay, "publish a recording instead of a world");
+  app.add_option("--snapshot", options.snapshot,
+                 "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    parsed.exit_status = app.exit(error) == 0 ? 0 : 2;  // 0: --help
+    return parsed;
+  }
+  if (!size.empty()) read_size(size, options.width, options.height);
+  if (const std::string fault = fault_of(options, app); !fault.empty()) {
+    std::fprintf(stderr, "convoy sim: %s\n", fault.c_str());
+    parsed.exit_status = 2;
+  }
+  for (int i = 1; i < argc; ++i) options.command_line += (i > 1 ? " " : "") + std::string(argv[i]);
+  return parsed;
+}
+
+}  // namespace convoy::simulator

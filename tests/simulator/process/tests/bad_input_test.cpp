@@ -1,0 +1,127 @@
+// What cannot be done is said, with the place and how to mend it.
+#include <gtest/gtest.h>
+
+#include <functional>
+
+#include "processes.hpp"
+
+namespace convoy::simulator::testing {
+namespace {
+
+namespace fs = std::filesystem;
+
+void expect_refused(const std::string& arguments, const std::string& message) {
+  const Outcome outcome = run_sim(arguments);
+  EXPECT_EQ(outcome.status, 2) << arguments << "\n" << outcome.output;
+  EXPECT_NE(outcome.output.find(message), std::string::npos) << arguments << "\n" << outcome.output;
+}
+
+TEST(Options, AreChecked) {
+  expect_refused("--speed 99", "--speed");
+  expect_refused("--speed fast", "--speed");
+  expect_refused("--vehicles 0", "--vehicles");
+  expect_refused("--seed -1", "'-1' is no whole number");
+  expect_refused("--camera 640", "'640' is no size");
+  expect_refused("--camera 640x480x2", "'640x480x2' is no size");
+  expect_refused("--camera 9999x480", "'9999x480' is no size");
+  expect_refused("--gps galileo", "--gps");
+  expect_refused("--offset 0,99", "--offset");
+  expect_refused("--domain-sensors 233", "--domain-sensors");
+  expect_refused("--domain-sensors 11", "the truth is not for the vehicles");
+  expect_refused("--lock-step --rate 2", "--rate");
+  expect_refused("--replay x --record y", "exclude each other");
+  expect_refused("--replay x --seed 2", "--seed");
+  expect_refused("--fast", "--fast");
+  expect_refused("--route nowhere" + block, "no route 'nowhere'");
+  expect_refused("--lock-step --vehicles 1 --wait-for 2" + block, "there are only 1 vehicles");
+}
+
+TEST(Snapshot, IsAPicture) {
+  const ScratchFolder scratch;
+  const std::string file = (scratch / "view.png").string();
+  const Outcome outcome = run_sim("--duration 2 --snapshot " + file + block);
+  EXPECT_EQ(outcome.status, 0) << outcome.output;
+  EXPECT_NE(outcome.output.find("OpenStreetMap contributors"), std::string::npos) << outcome.output;
+  EXPECT_EQ(read_text(file).substr(1, 3), "PNG");
+  expect_refused("--snapshot " + (scratch / "none/view.png").string() + block, "cannot be written");
+  expect_refused("--snapshot " + (scratch / "view.bmx").string() + block, "does the name end in .png?");
+}
+
+TEST(World, ThatIsNoneIsRefused) {
+  const ScratchFolder scratch;
+  expect_refused("--world " + (scratch / "none.osm").string(), "none.osm");
+  write_text(scratch / "bad.osm", "this is no map");
+  expect_refused("--world " + (scratch / "bad.osm").string(), "bad.osm");
+  expect_refused("--world " + (scratch / ".").string(), "convoy sim: ");
+}
+
+class BadRecording : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    const Outcome outcome = run_sim("--gps standard --duration 1 --lock-step --wait-for 0 --record " +
+                                    folder().string() + block + domains_of_this_test());
+    ASSERT_EQ(outcome.status, 0) << outcome.output;
+  }
+  fs::path folder() const { return scratch_ / "recording"; }
+
+  /// Spoils one file of the recording, and puts it right again.
+  void expect_refused_with(const std::string& file, const std::function<std::string(std::string)>& spoil,
+                           const std::string& message) {
+    const std::string right = read_text(folder() / file);
+    write_text(folder() / file, spoil(right));
+    expect_refused("--lock-step --wait-for 0 --replay " + folder().string() + domains_of_this_test(), message);
+    write_text(folder() / file, right);
+  }
+
+  ScratchFolder scratch_;
+};
+
+/// The n-th line, from 1 on, is another one.
+std::function<std::string(std::string)> line_is(std::size_t number, const std::string& text) {
+  return [=](const std::string& whole) {
+    std::vector<std::string> lines = lines_of(whole);
+    lines.at(number - 1) = text;
+    std::string changed;
+    for (const std::string& line : lines) changed += line + "\n";
+    return changed;
+  };
+}
+
+TEST_F(BadRecording, IsRefusedWithFileAndLine) {
+  const auto nothing = [](const std::string&) { return std::string(); };
+  expect_refused_with("run.json", nothing, "run.json: ");
+  expect_refused_with(
+      "run.json", [](std::string s) { return s.replace(s.find("\"format\": 1"), 11, "\"format\": 2"); },
+      "of another version");
+  expect_refused_with("vehicle_1/camera.yaml", nothing, "camera.yaml");
+  expect_refused_with(
+      "vehicle_1/camera.yaml",
+      [](std::string s) { return s.replace(s.find("image_width: 64"), 15, "image_width: 65"); },
+      "000000.png is 64 x 48, not 65 x 48");
+  expect_refused_with("vehicle_1/frames.csv", nothing, "frames.csv:1: the file is empty");
+  expect_refused_with("vehicle_1/frames.csv", line_is(1, "frame,stamp"), "frames.csv:1: the header is");
+  expect_refused_with("vehicle_1/frames.csv", line_is(4, "3,2,0.3"), "frames.csv:4: 3 fields instead of 4");
+  expect_refused_with("vehicle_1/frames.csv", line_is(4, "3,2,soon,00"), "frames.csv:4: field 3: 'soon' is no number");
+  expect_refused_with("vehicle_1/frames.csv", line_is(4, "1,2,0.3,00"), "frames.csv:4: step 1 comes after step 2");
+  expect_refused_with("vehicle_1/frames.csv", line_is(4, "3,77,0.3,00"), "frames.csv:4: there is no ");
+  expect_refused_with("vehicle_1/frames.csv", line_is(4, "3,2,0.3,00"), "000002.png is not the picture that was");
+  expect_refused_with("vehicle_1/images/000003.png", nothing, "000003.png is no picture");
+  expect_refused_with("vehicle_1/truth.csv", line_is(5, lines_of(read_text(folder() / "vehicle_1/truth.csv"))[5]),
+                      "truth.csv:5: this row should be of step 4");
+  expect_refused_with("vehicle_1/odometry.csv", line_is(3, "1,-1,0,0,0,0,0,0,0,0,0,0"), "odometry.csv:3: field 2");
+  expect_refused_with(
+      "vehicle_1/gps.csv", [](std::string s) { return s.replace(s.find("standard"), 8, "galileo"); },
+      "gps.csv:2: 'galileo' is no kind of GPS");
+  expect_refused_with(
+      "vehicle_1/gps.csv", [](std::string s) { return s.replace(s.find(",1,"), 3, ",nan,"); }, "gps.csv:");
+  fs::remove(folder() / "vehicle_1/odometry.csv");
+  expect_refused("--lock-step --wait-for 0 --replay " + folder().string(), "odometry.csv cannot be read");
+}
+
+TEST_F(BadRecording, IsNotWrittenOverAnother) {
+  expect_refused("--duration 1 --lock-step --wait-for 0 --record " + folder().string() + block + domains_of_this_test(),
+                 "there is something already");
+}
+
+}  // namespace
+}  // namespace convoy::simulator::testing

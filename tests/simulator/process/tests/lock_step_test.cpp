@@ -1,0 +1,186 @@
+// The simulator and vehicles as processes of their own, over sockets.
+#include <gtest/gtest.h>
+
+#include <signal.h>
+
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <thread>
+
+#include "processes.hpp"
+
+namespace convoy::simulator::testing {
+namespace {
+
+using std::chrono::steady_clock;
+
+const std::string small = block + " --gps rtk --duration 2 --lock-step";
+
+/// A run with vehicles, and what each of them says.
+struct Fleet {
+  Fleet(const std::string& sim_arguments, const std::vector<std::string>& vehicle_arguments) {
+    sim = std::make_unique<Process>(sim_command(sim_arguments + domains_of_this_test()), scratch / "sim");
+    for (std::size_t i = 0; i < vehicle_arguments.size(); ++i)
+      vehicles.push_back(
+          std::make_unique<Process>(vehicle_command("--domain " + std::to_string(domain_of_this_test()) +
+                                                    " --vehicle " + std::to_string(i + 1) + " " + vehicle_arguments[i]),
+                                    scratch / ("vehicle_" + std::to_string(i + 1))));
+  }
+  void expect_success() {
+    EXPECT_EQ(sim->wait(), 0) << sim->output();
+    for (const auto& vehicle : vehicles) EXPECT_EQ(vehicle->wait(), 0) << vehicle->output() << sim->output();
+  }
+  std::string said(std::size_t vehicle) const { return vehicles.at(vehicle - 1)->output(); }
+
+  ScratchFolder scratch;
+  std::unique_ptr<Process> sim;
+  std::vector<std::unique_ptr<Process>> vehicles;
+};
+
+std::size_t steps_of(const std::string& said) {
+  std::size_t count = 0;
+  for (const std::string& line : lines_of(said)) count += line.rfind("step ", 0) == 0;
+  return count;
+}
+
+TEST(LockStep, IsTheSameFromOneProcessToTheNextHoweverSlowTheVehicles) {
+  Fleet first("--vehicles 2 --seed 7" + small, {"", ""});
+  first.expect_success();
+  EXPECT_EQ(steps_of(first.said(1)), 20U) << first.said(1);
+  EXPECT_NE(first.said(1), first.said(2));
+  EXPECT_NE(first.said(1).find("frame 0"), std::string::npos);
+  EXPECT_NE(first.said(1).find("camera 64x48"), std::string::npos);
+
+  Fleet again("--vehicles 2 --seed 7" + small, {"--delay-ms 40", "--delay-ms 3"});
+  again.expect_success();
+  EXPECT_EQ(first.said(1), again.said(1));
+  EXPECT_EQ(first.said(2), again.said(2));
+  EXPECT_EQ(first.sim->output(), again.sim->output());
+
+  Fleet other("--vehicles 2 --seed 8" + small, {"", ""});
+  other.expect_success();
+  EXPECT_NE(first.said(1), other.said(1));
+}
+
+TEST(LockStep, NamesTheVehicleThatDoesNotAnswer) {
+  Fleet fleet("--vehicles 2 --deadline 4" + small, {"", "--silent-from 3"});
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("vehicle 2 did not answer step 3 within 4 s"), std::string::npos)
+      << fleet.sim->output();
+  EXPECT_EQ(steps_of(fleet.said(1)), 3U);
+}
+
+TEST(LockStep, NamesTheVehicleThatDoesNotAppear) {
+  Fleet fleet("--vehicles 3 --wait-for 3 --deadline 4" + small, {"", ""});
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("vehicle 3 did not appear on domain"), std::string::npos) << fleet.sim->output();
+  EXPECT_EQ(steps_of(fleet.said(1)), 0U);
+}
+
+TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
+  Fleet fleet("--vehicles 2 --wait-for 1" + small, {""});
+  fleet.expect_success();
+  EXPECT_EQ(steps_of(fleet.said(1)), 20U);
+}
+
+TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
+  Fleet fleet("--deadline 2" + small, {"--garbage 1"});
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("vehicle 1 did not appear"), std::string::npos) << fleet.sim->output();
+}
+
+TEST(Topics, TheTruthIsOnADomainOfItsOwn) {
+  const ScratchFolder scratch;
+  Fleet fleet("--truth-depth --record " + (scratch / "recording").string() + small,
+              {"--truth-domain " + std::to_string(domain_of_this_test() + 1)});
+  fleet.expect_success();
+  std::vector<std::string> heard;
+  for (const std::string& line : lines_of(fleet.said(1)))
+    if (line.rfind("truth ", 0) == 0) heard.push_back(line);
+  const std::vector<std::string> rows = lines_of(read_text(scratch / "recording/vehicle_1/truth.csv"));
+  ASSERT_EQ(heard.size() + 1, rows.size());
+  for (std::size_t i = 0; i < heard.size(); ++i) {
+    double time_s = 0.0, x = 0.0, y = 0.0, heard_x = 1.0, heard_y = 1.0;
+    unsigned step = 0, solid = 0, pixels = 0;
+    ASSERT_EQ(std::sscanf(rows[i + 1].c_str(), "%u,%lf,%lf,%lf", &step, &time_s, &x, &y), 4);
+    ASSERT_EQ(std::sscanf(heard[i].c_str(), "truth %lf %lf depth %u of %u", &heard_x, &heard_y, &solid, &pixels), 4);
+    EXPECT_EQ(heard_x, x);
+    EXPECT_EQ(heard_y, y);
+    EXPECT_EQ(pixels, 64U * 48U);
+    EXPECT_GT(solid, pixels / 3);  // the street
+    EXPECT_LT(solid, pixels);      // and the sky
+  }
+}
+
+TEST(Topics, AreOnTheLoopbackDeviceAlone) {
+  Fleet fleet("--rate 1 --duration 1000" + block, {""});
+  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  while (steps_of(fleet.said(1)) == 0 && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  const std::vector<std::string> addresses = fleet.sim->udp_addresses();
+  EXPECT_GE(addresses.size(), 6U) << "the sockets of two participants were expected here";
+  for (const std::string& address : addresses)
+    EXPECT_TRUE(address == "0100007F" || address == "0100FFEF") << address << ": neither 127.0.0.1 nor 239.255.0.1";
+}
+
+TEST(Topics, TwoSimulatorsDoNotSpeakOnOneDomain) {
+  Fleet first("--rate 1 --duration 1000" + block, {""});
+  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  while (steps_of(first.said(1)) < 4 && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  Fleet second("--rate 1 --duration 1000" + block, {});
+  EXPECT_EQ(second.sim->wait(), 2);
+  EXPECT_NE(second.sim->output().find("another simulator speaks on domain"), std::string::npos) << second.sim->output();
+  const std::size_t steps = steps_of(first.said(1));
+  while (steps_of(first.said(1)) < steps + 3 && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  EXPECT_GE(steps_of(first.said(1)), steps + 3) << "the first one goes on";
+}
+
+TEST(WallClock, KeepsToTheRate) {
+  const auto start = steady_clock::now();
+  Fleet fleet("--duration 3 --rate 2 --wait-for 1" + block, {""});
+  fleet.expect_success();
+  EXPECT_GE(steady_clock::now() - start, std::chrono::milliseconds(1500));
+  EXPECT_EQ(steps_of(fleet.said(1)), 30U);
+}
+
+TEST(Recording, ReplayedIsWhatItWas) {
+  const ScratchFolder scratch;
+  const std::string folder = (scratch / "recording").string();
+  Fleet live("--vehicles 2 --offset 0,2 --record " + folder + small, {"", ""});
+  live.expect_success();
+  // What went over the wire is what was recorded.
+  const std::vector<std::string> rows = lines_of(read_text(scratch / "recording/vehicle_2/frames.csv"));
+  ASSERT_EQ(rows.size(), 21U);
+  for (std::size_t i = 1; i < rows.size(); ++i)
+    EXPECT_NE(live.said(2).find(rows[i].substr(rows[i].rfind(',') + 1)), std::string::npos) << rows[i];
+
+  Fleet replay("--lock-step --replay " + folder, {"", "--delay-ms 10"});
+  replay.expect_success();
+  EXPECT_EQ(live.said(1), replay.said(1));
+  EXPECT_EQ(live.said(2), replay.said(2));
+  const auto tail = [](const std::string& text) { return text.substr(text.find("vehicle 1:")); };
+  EXPECT_EQ(tail(live.sim->output()), tail(replay.sim->output()));
+}
+
+TEST(Recording, EndsWithARunThatIsEnded) {
+  const ScratchFolder scratch;
+  const std::string folder = (scratch / "recording").string();
+  Fleet live("--record " + folder + " --duration 1000 --rate 5" + block, {});
+  const auto rows = [&] { return lines_of(read_text(scratch / "recording/vehicle_1/truth.csv")).size(); };
+  for (const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+       rows() < 4 && steady_clock::now() < deadline;)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  live.sim->send(SIGTERM);
+  EXPECT_EQ(live.sim->wait(), 0) << live.sim->output();
+  const std::size_t steps = rows() - 1;
+  EXPECT_GE(steps, 3U);
+  Fleet replay("--lock-step --replay " + folder, {""});
+  replay.expect_success();
+  EXPECT_EQ(steps_of(replay.said(1)), steps);
+}
+
+}  // namespace
+}  // namespace convoy::simulator::testing

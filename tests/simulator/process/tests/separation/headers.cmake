@@ -1,0 +1,30 @@
+# Looks through every header that the objects in ${tree} were built from.
+cmake_minimum_required(VERSION 3.25)
+
+# headers_of(PATTERN OUT): what the objects whose path matches were built from, one path per line.
+function(headers_of pattern out)
+  execute_process(COMMAND ninja -C ${tree} -t targets all OUTPUT_VARIABLE targets COMMAND_ERROR_IS_FATAL ANY)
+  string(REGEX MATCHALL "(${pattern})[^\n:]*[.]o:" objects "${targets}")
+  list(TRANSFORM objects REPLACE ":$" "")
+  execute_process(COMMAND ninja -C ${tree} -t deps ${objects} OUTPUT_VARIABLE headers COMMAND_ERROR_IS_FATAL ANY)
+  string(REPLACE "${source}/" "@/" headers "${headers}")
+  set(${out} "${headers}" PARENT_SCOPE)
+endfunction()
+
+headers_of("tests/simulator/CMakeFiles/convoy_sim|tests/simulator/process/CMakeFiles/" of_simulator)
+if(NOT of_simulator MATCHES "scene[.]hpp\n" OR NOT of_simulator MATCHES "convoy/idl/sensors[.]h\n")
+  message(FATAL_ERROR "the list of headers that were read is not complete:\n${of_simulator}")
+endif()
+string(REGEX MATCH "[^\n]*(@/src/|@/components/|/include/convoy/|convoy/idl/convoy)[^\n]*" found "${of_simulator}")
+if(found)
+  message(FATAL_ERROR "the simulator reads a header of convoy:${found}")
+endif()
+
+headers_of("src/CMakeFiles/|src/dds/CMakeFiles/|src/cli/CMakeFiles/|components/CMakeFiles/" of_convoy)
+if(NOT of_convoy MATCHES "convoy/submap/facts[.]hpp\n")
+  message(FATAL_ERROR "the list of headers that were read is not complete:\n${of_convoy}")
+endif()
+string(REGEX MATCH "[^\n]*@/tests/simulator/[^\n]*" found "${of_convoy}")
+if(found)
+  message(FATAL_ERROR "convoy reads a header of the simulator:${found}")
+endif()
