@@ -134,13 +134,13 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (config.sensors.file.empty())
     throw ConfigError(config.file.string() +
                       ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
+  const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
+  if (events.empty())
+    throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
   if (config.dds.profile_file.empty())
     throw ConfigError(config.file.string() +
                       ":1: no <dds profile=\"...\"/>; name how the vehicle is to speak, such as " +
                       "qos_profiles/lan.xml");
-  const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
-  if (events.empty())
-    throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
   if (options.now) config.sensors.start_unix_s = 0.0;
   if (!options.impair.empty()) config.impairment = Impairments::parse(options.impair);
   if (!options.out.empty()) config.output_folder = options.out;
