@@ -106,10 +106,7 @@ class Measurement {
       std::erase_if(tracks_, [&](Track& track) {
         const std::size_t before = track.length;
         const bool lost = !follow(track, frame->image, camera.truth());
-        if (track.length > before && track.length == params_.mapped_after)
-          mapped_.push_back(
-              {patch_at(frame->image, static_cast<int>(track.pixel.x()), static_cast<int>(track.pixel.y())),
-               track.p_world, i});
+        if (track.length > before && track.length == params_.mapped_after) map(track, frame->image, camera.truth(), i);
         if (lost) lengths_.push_back(track.length);
         return lost;
       });
@@ -132,6 +129,12 @@ class Measurement {
     if (match.score < params_.renew) track.patch = patch_at(image, match.x, match.y);
     track.pixel = {match.x, match.y};
     return true;
+  }
+
+  void map(const Track& track, const GreyImage& image, const Rasteriser& truth, std::size_t frame) {
+    const Eigen::Vector2i pixel = track.pixel.cast<int>();
+    if (const auto p_world = truth.world_point(pixel.x(), pixel.y()))
+      mapped_.push_back({patch_at(image, pixel.x(), pixel.y()), *p_world, frame});
   }
 
   void add_corners(const GreyImage& image, const Rasteriser& truth) {

@@ -35,7 +35,7 @@ struct FeatureStatistics {
 /// Drives the poses, one per frame, and again beside them. A patch that is matched beside the truth counts as not
 /// found, as a gate would have it. A track ends as its patch leaves the frame, too; its length is that of its good
 /// matches and its first sight. A patch is mapped when its track has been good for long
-/// enough, as it looks then.
+/// enough, as it looks then and where its middle is.
 FeatureStatistics feature_statistics(const Scene& scene, const CameraParams& camera,
                                      const std::vector<Eigen::Isometry3d>& T_world_body,
                                      const FeatureParams& params = {});

@@ -81,6 +81,7 @@ void VisibilityBuffer::trace(const Corner& upper, const Corner& lower, std::vect
 }
 
 bool VisibilityBuffer::draw(const Corner* corners, int count, const Eigen::Vector3d& inverse_depth, std::uint32_t id) {
+  if (count < 3) return false;  // nothing is left of it in the window
   std::int32_t top = std::numeric_limits<std::int32_t>::max(), bottom = std::numeric_limits<std::int32_t>::min();
   for (int i = 0; i < count; ++i) {
     const Corner &a = corners[i], &b = corners[i + 1 < count ? i + 1 : 0];

@@ -20,6 +20,12 @@ std::size_t count(const VisibilityBuffer& buffer, std::uint32_t id) {
   return static_cast<std::size_t>(std::count(buffer.ids(), buffer.ids() + n, id));
 }
 
+TEST(VisibilityBuffer, NothingIsLeftOfWhatIsBesideTheWindow) {
+  VisibilityBuffer buffer({0.0, 0.0, 1.0, 90, 70});
+  EXPECT_FALSE(buffer.draw(nullptr, 0, kFar, 1));
+  EXPECT_EQ(count(buffer, 1), 0U);
+}
+
 // A window cut into crooked quadrilaterals, each into two triangles, corners at any sixteenth of a pixel.
 TEST(VisibilityBuffer, TrianglesThatShareEdgesShareNoPixelAndLeaveNone) {
   const Window window{0.0, 0.0, 1.0, 90, 70};
