@@ -19,6 +19,7 @@ ExchangeCounters sum(ExchangeCounters a, const ExchangeCounters& b) {
   a.dropped += b.dropped;
   a.incompatible_peers += b.incompatible_peers;
   a.unauthorised += b.unauthorised;
+  if (!b.last_unauthorised.empty()) a.last_unauthorised = b.last_unauthorised;
   return a;
 }
 

@@ -345,6 +345,7 @@ bool SubmapManager<G>::admit(const Message<G>& message, double now_s) {
   const VehicleId sender = message.sender.vehicle;
   if (sender == 0 || (!roster.empty() && std::find(roster.begin(), roster.end(), sender) == roster.end())) {
     ++counters_.unknown_senders;
+    counters_.last_unknown_sender = sender;
     return false;
   }
   if (!guard_.admit(sender, now_s)) return false;

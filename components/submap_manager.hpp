@@ -69,6 +69,7 @@ struct SubmapManagerCounters {
   std::uint64_t encounters_thinned = 0;    ///< within `encounter_period_s` of one published: not sent
   std::uint64_t live_unfit = 0;            ///< live poses that were not finite or beyond the limits
   std::uint64_t unknown_senders = 0;       ///< messages of vehicles that are not on the roster
+  VehicleId last_unknown_sender = 0;       ///< whose the last of these was
   std::uint64_t facts_impersonated = 0;    ///< claimed to be this vehicle's own, and were not: refused
   std::uint64_t senders_impersonated = 0;  ///< messages that somebody else has sent under this vehicle's id
   std::uint64_t sends_withheld = 0;        ///< while refused: see SubmapManager::refused()

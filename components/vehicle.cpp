@@ -74,6 +74,7 @@ void Vehicle<G>::configure() {
   map_worker_ = std::move(map_worker);
   front_end_component_ = std::move(front_end);
   association_ = std::move(association);
+  restarted_ = !first;
   state_ = State::inactive;
 }
 
@@ -209,6 +210,7 @@ VehicleSnapshot<G> Vehicle<G>::snapshot() {
   s.facts_lost = manager_->facts_lost();
   s.peers_agree = manager_->peers_agree();
   s.refused = manager_->refused();
+  s.restarted = restarted_;
   s.network = exchange_->worker_counters();
   s.settled = s.facts_missing == 0 && !manager_->busy() && s.network.outbox.facts_waiting == 0 && searches_left_ == 0 &&
               manager_->map().exact && manager_->map().facts == s.facts_digest;

@@ -65,7 +65,8 @@ struct VehicleSnapshot {
   std::uint64_t facts_missing = 0;
   std::uint64_t facts_lost = 0;  ///< declared missing: nobody who is left has them
   bool peers_agree = true;       ///< SubmapManager::peers_agree()
-  bool refused = false;          ///< another process claims this vehicle's id and began earlier: nothing is sent
+  bool restarted = false;  ///< not the first epoch of this state folder: VehicleParams::static_bias does not apply
+  bool refused = false;    ///< another process claims this vehicle's id and began earlier: nothing is sent
   std::uint64_t landmarks_known = 0;
   std::uint64_t landmarks_exported = 0;
   std::uint64_t encounters_unanswered = 0;  ///< others saw this vehicle at a moment that it does not remember
@@ -151,6 +152,7 @@ class Vehicle {
   bool stop_ = false;
   std::thread thread_;
   Epoch last_epoch_ = 0;  // of this object
+  bool restarted_ = false;
   std::unique_ptr<StateFolder> state_folder_;
   std::unique_ptr<ExchangeWorker<G>> exchange_;
   std::unique_ptr<Journal<G>> journal_;

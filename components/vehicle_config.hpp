@@ -36,6 +36,7 @@
 #include <convoy/geometry/groups.hpp>
 
 #include <filesystem>
+#include <string>
 
 namespace convoy {
 
@@ -48,6 +49,7 @@ struct SensorLogConfig {
   /// (track, range_m, bearing_rad, elevation_rad), (east_m, north_m, up_m, sigma_m), (vehicle, range_m, bearing_rad,
   /// elevation_rad)
   std::filesystem::path file;
+  std::string origin;                              ///< file:line that names it, for messages
   double rate = 1.0;                               ///< replay speed, > 0; 1 is real time
   double start_unix_s = 0.0;                       ///< wall time of t_s = 0; 0: when the process starts
   bool encounters = true;                          ///< false: encounter rows are passed over

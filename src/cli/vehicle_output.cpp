@@ -244,6 +244,7 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["encounters_unanswered"] = s.encounters_unanswered;
   c["live_unfit"] = s.submaps.live_unfit;
   c["unknown_senders"] = s.submaps.unknown_senders;
+  c["last_unknown_sender"] = s.submaps.last_unknown_sender;
   c["facts_impersonated"] = s.submaps.facts_impersonated;
   c["senders_impersonated"] = s.submaps.senders_impersonated;
   c["sends_rejected"] = s.submaps.sends_rejected;
@@ -273,6 +274,7 @@ json counters_json(const VehicleSnapshot<G>& s) {
   c["dropped"] = s.exchange.dropped;
   c["incompatible_peers"] = s.exchange.incompatible_peers;
   c["unauthorised"] = s.exchange.unauthorised;
+  c["last_unauthorised"] = s.exchange.last_unauthorised;
   const JournalCounters& j = s.journal;
   c["journal"] = {{"restored", j.restored},   {"refused", j.refused}, {"damaged_bytes", j.damaged_bytes},
                   {"cut_bytes", j.cut_bytes}, {"written", j.written}, {"failed_writes", j.failed_writes},

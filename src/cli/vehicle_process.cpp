@@ -11,9 +11,10 @@
 #include <chrono>
 #include <csignal>
 #include <cstdio>
-#include <optional>
+#include <filesystem>
 #include <thread>
 
+#include "run_time.hpp"
 #include "scenario/scenario.hpp"
 #include "vehicle_output.hpp"
 #include "vehicle_status.hpp"
@@ -23,37 +24,6 @@ namespace convoy::cli {
 namespace {
 
 volatile std::sig_atomic_t stop_requested = 0;
-
-// Seconds since 1970 as of the start, and from there by a clock that nobody sets: time must not go back under a
-// vehicle.
-class UnixTime {
- public:
-  double operator()() const {
-    const std::chrono::duration<double> began = began_.time_since_epoch(),
-                                        passed = std::chrono::steady_clock::now() - steady_;
-    return began.count() + passed.count();
-  }
-
- private:
-  std::chrono::system_clock::time_point began_ = std::chrono::system_clock::now();
-  std::chrono::steady_clock::time_point steady_ = std::chrono::steady_clock::now();
-};
-
-// Who has settled stays until the others hold the same: they may lack what only this vehicle has. Not for ever: a peer
-// may refuse what this one takes.
-class FleetEnd {
- public:
-  template <class G>
-  bool reached(const VehicleSnapshot<G>& snapshot, double wall_s) {
-    if (!snapshot.settled) return false;
-    if (!settled_s_) settled_s_ = wall_s;
-    return snapshot.peers_agree || wall_s >= *settled_s_ + patience_s;
-  }
-
- private:
-  static constexpr double patience_s = 30.0;
-  std::optional<double> settled_s_;
-};
 
 // Replays a sensor log on the clock.
 template <class G>
@@ -134,6 +104,9 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (config.sensors.file.empty())
     throw ConfigError(config.file.string() +
                       ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
+  if (!std::filesystem::exists(config.sensors.file))
+    throw ConfigError(config.sensors.origin + ": there is no sensor log " + config.sensors.file.string() +
+                      "; correct <sensors file> (paths are relative to the configuration's folder)");
   const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");
@@ -145,7 +118,7 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (!options.impair.empty()) config.impairment = Impairments::parse(options.impair);
   if (!options.out.empty()) config.output_folder = options.out;
   const bool starts_now = config.sensors.start_unix_s == 0.0;
-  const UnixTime unix_time;
+  const UnixTime<> unix_time;
   const double start_s = starts_now ? unix_time() : config.sensors.start_unix_s;
   const auto clock = [&] { return (unix_time() - start_s) * config.sensors.rate; };
   if (!starts_now && clock() > events.back().t_s)
@@ -168,6 +141,7 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   spdlog::info("{}; {} sensor readings from {}", start_line(config, epoch), events.size(),
                config.sensors.file.string());
   if (const auto notice = journal_notice(config, vehicle.snapshot().journal)) log(*notice);
+  if (const auto notice = start_notice(config, vehicle.snapshot().restarted)) log(*notice);
   for (const Notice& notice : budget_notices(config, keeps_history)) log(notice);
   vehicle.activate();
   bool warned = false, refused = false;
@@ -189,7 +163,9 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   double next_row_s = std::max(0.0, clock()), next_status_s = 0.0;
   FleetEnd fleet_end;
   const auto at_the_end = [&] {
-    return options.until_end && replay.exhausted() && fleet_end.reached(vehicle.snapshot(), unix_time());
+    if (!options.until_end || !replay.exhausted()) return false;
+    const auto snapshot = vehicle.snapshot();
+    return fleet_end.reached(snapshot.settled, snapshot.peers_agree, unix_time());
   };
   while (!stop_requested && !refused && !at_the_end()) {
     const double now_s = clock();

@@ -44,9 +44,18 @@ template <class G>
 std::string start_line(const VehicleConfig<G>& config, Epoch epoch) {
   const double budget = config.vehicle.budget.bytes_per_s;
   return "vehicle " + std::to_string(config.vehicle.id) + " epoch " + std::to_string(epoch) + " on " +
-         speech_of(config) + (config.impairment.any() ? ", IMPAIRED on purpose" : "") +
+         speech_of(config) +
+         (config.impairment.any() ? ", IMPAIRED on purpose (" + to_string(config.impairment) + ")" : "") +
          (budget > 0.0 ? ", budget " + number(budget) + " B/s" : "") +
          (config.vehicle.journal ? ", journal in " + config.vehicle.state_folder.string() : ", no journal");
+}
+
+template <class G>
+std::optional<Notice> start_notice(const VehicleConfig<G>& config, bool restarted) {
+  if (!restarted || !config.vehicle.static_bias) return std::nullopt;
+  return Notice{Level::info, "not the first run of " + config.vehicle.state_folder.string() +
+                                 ": <static_bias> does not hold for where this one begins, it is aligned by landmarks; "
+                                 "delete the folder to begin anew at the known start"};
 }
 
 template <class G>
@@ -172,8 +181,9 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
   look_at_roster(s, wall_s);
   say_while(
       s.submaps.unknown_senders > 0, strangers_, Level::warning,
-      "somebody who is not on the roster speaks, and is not listened to; add it to <vehicle roster> everywhere, or "
-      "give the fleets domains of their own");
+      "vehicle " + std::to_string(s.submaps.last_unknown_sender) +
+          ", which is not on the roster, speaks, and is not listened to; add it to <vehicle roster> everywhere, or "
+          "give the fleets domains of their own");
   if (s.network.reopened > reopened_)
     say(Level::warning, std::string("the network was ") + to_string(s.network.last_ailment) +
                             "; it was opened anew, and what was missed is asked for");
@@ -183,7 +193,8 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
   say_while(s.exchange.incompatible_peers > 0, incompatible_, Level::warning,
             "somebody's quality of service does not match: not all it says is heard; use one profile for a fleet");
   say_while(s.exchange.unauthorised > 0, unauthorised_, Level::warning,
-            "somebody without the credentials of this fleet speaks on its network, and is refused");
+            "somebody without the credentials of this fleet speaks on its network, and is refused" +
+                (s.exchange.last_unauthorised.empty() ? "" : ": " + s.exchange.last_unauthorised));
   if (s.failures.count > failures_)
     say(Level::error, "something has failed in a thread of this vehicle (" + std::to_string(s.failures.count) +
                           " times by now), which went on: " + s.failures.last_error);
@@ -208,6 +219,7 @@ std::vector<Notice> VehicleWarnings<G>::look(const VehicleSnapshot<G>& s, double
 #define CONVOY_INSTANTIATE(G)                                                                     \
   template std::string speech_of(const VehicleConfig<G>&);                                        \
   template std::string start_line(const VehicleConfig<G>&, Epoch);                                \
+  template std::optional<Notice> start_notice(const VehicleConfig<G>&, bool);                     \
   template std::optional<Notice> journal_notice(const VehicleConfig<G>&, const JournalCounters&); \
   template std::vector<Notice> budget_notices(const VehicleConfig<G>&, bool);                     \
   template class VehicleWarnings<G>;

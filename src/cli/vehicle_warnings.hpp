@@ -28,6 +28,10 @@ std::string speech_of(const VehicleConfig<G>& config);
 template <class G>
 std::string start_line(const VehicleConfig<G>& config, Epoch epoch);
 
+/// That a known start holds for the first epoch only, if this is none.
+template <class G>
+std::optional<Notice> start_notice(const VehicleConfig<G>& config, bool restarted);
+
 /// What the journal gave back; nothing without one.
 template <class G>
 std::optional<Notice> journal_notice(const VehicleConfig<G>& config, const JournalCounters& journal);

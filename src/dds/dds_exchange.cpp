@@ -593,6 +593,7 @@ ExchangeCounters DdsExchange<G>::counters() const {
   const SecurityCounters refused = dds_counters().refused;
   counters.unauthorised = refused.peers_unsecured + refused.peers_of_other_fleet + refused.peers_unproven +
                           refused.impersonations + refused.unprotected;
+  if (Admission* admission = impl_->entities.domain().admission) counters.last_unauthorised = admission->last_refused();
   return counters;
 }
 
@@ -604,12 +605,6 @@ DdsCounters DdsExchange<G>::dds_counters() const {
   refused.impersonations = impl_->inbox.impersonations;
   return {wire.datagrams,    wire.rtps_bytes, wire.header_bytes, wire.failed_sends, impl_->refused_to_wire,
           impl_->inbox.lost, refused};
-}
-
-template <class G>
-std::string DdsExchange<G>::last_refused_peer() const {
-  Admission* admission = impl_->entities.domain().admission;
-  return admission == nullptr ? std::string() : admission->last_refused();
 }
 
 template <class G>

@@ -100,11 +100,9 @@ class DdsExchange final : public SubmapExchange<G> {
   ExchangeCounters counters() const override;
   DdsCounters dds_counters() const;
 
-  /// The profile keeps facts for late joiners, who get them from the middleware all at once, whatever a byte budget says.
+  /// The profile keeps facts for late joiners, who get them from the middleware all at once, whatever a byte budget
+  /// says.
   bool keeps_history() const;
-
-  /// The last peer that was refused, and why, in words; empty if there was none.
-  std::string last_refused_peer() const;
 
   /// Remote participants of which every endpoint of convoy has found its counterpart here.
   std::size_t peers() const;

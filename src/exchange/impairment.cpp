@@ -143,6 +143,32 @@ Impairments Impairments::parse(std::string_view text) {
   return result;
 }
 
+std::string to_string(const Impairments& impairments) {
+  std::string text;
+  const auto write = [&](const std::string& name, const std::string& value) {
+    text += (text.empty() ? "" : ",") + name + "=" + value;
+  };
+  const auto write_direction = [&](const std::string& prefix, const Impairment& i) {
+    const auto write_number = [&](const char* name, double value, double by_default, const char* unit = "") {
+      char digits[32];
+      const char* end = std::to_chars(digits, digits + sizeof digits, value).ptr;
+      if (value != by_default) write(prefix + name, std::string(static_cast<const char*>(digits), end) + unit);
+    };
+    write_number("loss", i.loss, 0.0);
+    write_number("duplicate", i.duplicate, 0.0);
+    write_number("delay", i.delay_s, 0.0, "s");
+    write_number("jitter", i.jitter_s, 0.0, "s");
+    write_number("reorder", i.reorder, 0.0);
+    write_number("rate", i.rate_bytes_per_s, 0.0, "B/s");
+    write_number("queue", i.queue_s, Impairment().queue_s, "s");
+    for (const Partition& partition : i.partitions) write(prefix + "partition", to_string(partition));
+    write(prefix + "seed", std::to_string(i.seed));
+  };
+  if (impairments.received.any()) write_direction("", impairments.received);
+  if (impairments.sent.any()) write_direction("out.", impairments.sent);
+  return text;
+}
+
 Impairment Impairment::parse(std::string_view text) {
   const Impairments both = Impairments::parse(text);
   if (both.sent.any()) throw ConfigError("impairment '" + std::string(text) + "': here is one direction, without out.");

@@ -62,6 +62,8 @@ struct Impairments {
   /// without prefix is of both.
   static Impairments parse(std::string_view text);
 };
+/// What each impaired direction does, as parse() reads it; in SI units, whatever is as by default left out.
+std::string to_string(const Impairments& impairments);
 
 /// Decides what becomes of one datagram after the other: the same seed and calls, the same decisions. Not thread-safe.
 class ImpairedLink {

@@ -30,6 +30,7 @@ struct ExchangeCounters {
   std::uint64_t dropped = 0;             ///< lost on purpose by an impairment, or for want of room in the queue
   std::uint64_t incompatible_peers = 0;  ///< endpoints whose quality of service does not match ours: nothing passes
   std::uint64_t unauthorised = 0;        ///< peers and messages that the rules of a secured fleet refuse
+  std::string last_unauthorised;         ///< who that was last, and why; empty if nothing tells
   /// Facts repeated for others that a byte budget holds back now; nothing: there is no budget.
   std::optional<std::uint64_t> repeats_waiting;
 };

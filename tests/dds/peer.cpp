@@ -155,7 +155,7 @@ int main(int argc, char** argv) {
       const auto refused = exchange.dds_counters().refused;
       std::cout << "refused " << refused.peers_unsecured << ' ' << refused.peers_of_other_fleet << ' '
                 << refused.peers_unproven << ' ' << refused.impersonations << ' ' << refused.unprotected << '\n'
-                << exchange.last_refused_peer() << std::endl;
+                << exchange.counters().last_unauthorised << std::endl;
     } else if (verb == "cpu") {
       std::cout << "cpu " << 1000 * std::clock() / CLOCKS_PER_SEC << std::endl;
     } else if (verb == "pair") {

@@ -16,8 +16,9 @@ using nlohmann::json;
 
 std::string domain() { return std::to_string(5 + getpid() % 14); }
 
-// Vehicle 1 with a start that is known, so that it is aligned, and twelve seconds of driving.
-fs::path vehicle_one(const fs::path& folder) {
+// Vehicle 1 with a start that is known, so that it is aligned, and twelve seconds of driving. `speech`: its profile,
+// and further attributes of <dds>.
+fs::path vehicle_one(const fs::path& folder, const std::string& speech = "loopback_udp.xml") {
   fs::create_directories(folder);
   std::ofstream sensors(folder / "sensors.csv");
   sensors << "t_s,kind,a,b,c\n";
@@ -25,8 +26,8 @@ fs::path vehicle_one(const fs::path& folder) {
   std::ofstream(folder / "c.xml")
       << "<convoy version=\"1\">\n  <vehicle id=\"1\" state_folder=\"state\"/>\n  <static_bias sigma_x_m=\"0.1\"/>\n  "
          "<dds domain=\""
-      << domain() << "\" profile=\"" CONVOY_SOURCE_FOLDER
-      << "/qos_profiles/loopback_udp.xml\"/>\n  <sensors file=\"sensors.csv\" rate=\"2\"/>\n</convoy>\n";
+      << domain() << "\" profile=\"" CONVOY_SOURCE_FOLDER "/qos_profiles/" << speech
+      << "\"/>\n  <sensors file=\"sensors.csv\" rate=\"2\"/>\n</convoy>\n";
   return folder / "c.xml";
 }
 
@@ -137,6 +138,29 @@ TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
   const Outcome alone = run_convoy("demo --rate 40 --domain " + domain() + " --out " + run.string());
   EXPECT_EQ(alone.status, 0) << alone.output;
   for (const json& vehicle : read_json(run / "metrics.json")["vehicles"]) EXPECT_EQ(vehicle["reasons"], json::array());
+}
+
+TEST(Fleets, ADemoDoesNotBeginBesideAFleetOfAnotherProfile) {
+  const ScratchFolder scratch;
+  const fs::path config =
+      vehicle_one(scratch / "one", "low_bandwidth.xml\" interfaces=\"127.0.0.1");  // best effort: not heard, only found
+  Background other({"vehicle", config.string()}, scratch / "output");
+  ASSERT_TRUE(eventually([&] { return read_text(scratch / "output").find("\"vehicle_s\"") != std::string::npos; }));
+  const fs::path run = scratch / "run";
+  const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
+  EXPECT_EQ(refused.status, 2);
+  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos)
+      << refused.output;
+  EXPECT_FALSE(fs::exists(run));
+}
+
+TEST(Fleets, AMissingSensorLogIsToldWithTheLineThatNamesIt) {
+  const ScratchFolder scratch;
+  const fs::path config = vehicle_one(scratch / "one");
+  fs::remove(scratch / "one/sensors.csv");
+  const Outcome outcome = run_convoy("vehicle " + config.string());
+  EXPECT_EQ(outcome.status, 2);
+  EXPECT_NE(outcome.output.find(config.string() + ":5: there is no sensor log "), std::string::npos) << outcome.output;
 }
 
 TEST(Fleets, ADemoIntoWhichAnotherFleetBreaksSaysSoAndFails) {

@@ -95,9 +95,36 @@ TEST(VehicleWarnings, ASenderWhoIsNotOnTheRosterIsSpokenOfOnce) {
   VehicleWarnings<SE2> warnings(some_config(), true);
   VehicleSnapshot<SE2> snapshot = with_peers(1);
   snapshot.submaps.unknown_senders = 1;
-  EXPECT_THAT(text_of(warnings.look(snapshot, 0.0)), HasSubstr("somebody who is not on the roster speaks"));
+  snapshot.submaps.last_unknown_sender = 23;
+  EXPECT_THAT(text_of(warnings.look(snapshot, 0.0)), HasSubstr("vehicle 23, which is not on the roster, speaks"));
   snapshot.submaps.unknown_senders = 9;
   EXPECT_THAT(warnings.look(snapshot, 1.0), IsEmpty());
+}
+
+TEST(VehicleWarnings, WhoIsRefusedByASecuredFleetIsNamedIfThatIsKnown) {
+  VehicleSnapshot<SE2> snapshot = with_peers(1);
+  snapshot.exchange.unauthorised = 1;
+  EXPECT_THAT(text_of(VehicleWarnings<SE2>(some_config(), true).look(snapshot, 0.0)),
+              HasSubstr("without the credentials of this fleet speaks on its network, and is refused\n"));
+  snapshot.exchange.last_unauthorised = "participant 01 at 192.0.2.3: unsecured";
+  EXPECT_THAT(text_of(VehicleWarnings<SE2>(some_config(), true).look(snapshot, 0.0)),
+              HasSubstr("and is refused: participant 01 at 192.0.2.3: unsecured"));
+}
+
+TEST(VehicleWarnings, AKnownStartIsToldToHoldForTheFirstEpochOnly) {
+  VehicleConfig<SE2> config = some_config();
+  EXPECT_FALSE(start_notice(config, true));
+  config.vehicle.static_bias = Estimate<SE2>();
+  config.vehicle.state_folder = "/var/lib/convoy";
+  EXPECT_FALSE(start_notice(config, false));
+  EXPECT_THAT(start_notice(config, true)->text, HasSubstr("not the first run of /var/lib/convoy: <static_bias>"));
+}
+
+TEST(VehicleWarnings, ImpairmentIsToldAtTheStartWithWhatItDoes) {
+  VehicleConfig<SE2> config = some_config();
+  EXPECT_THAT(start_line(config, 1), Not(HasSubstr("IMPAIRED")));
+  config.impairment = Impairments::parse("loss=0.3,out.delay=100ms");
+  EXPECT_THAT(start_line(config, 1), HasSubstr("IMPAIRED on purpose (loss=0.3,seed=1,out.delay=0.1s,out.seed=1)"));
 }
 
 TEST(VehicleWarnings, WhoFloodsTheNetworkIsNamedEachTime) {
@@ -153,7 +180,7 @@ TEST(VehicleWarnings, TheStartLineSaysHowTheVehicleSpeaks) {
   config.vehicle.state_folder = "state";
   EXPECT_EQ(start_line(config, 5),
             "vehicle 1 epoch 5 on domain 7, profile unicast_peers.xml, interfaces of the profile, without DDS "
-            "Security, IMPAIRED on purpose, budget 2000 B/s, journal in state");
+            "Security, IMPAIRED on purpose (out.loss=0.1,out.seed=1), budget 2000 B/s, journal in state");
 }
 
 TEST(VehicleWarnings, ABudgetThatAProfileOrABatchDoesNotKeepToIsPointedAt) {

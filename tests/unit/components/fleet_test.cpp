@@ -265,6 +265,7 @@ TEST(Strangers, AVehicleThatIsNotOnTheRosterIsRefusedAndCounted) {
   self.step(0.0);
   EXPECT_EQ(self.facts(), facts);
   EXPECT_EQ(self.manager.counters().unknown_senders, 3U);
+  EXPECT_EQ(self.manager.counters().last_unknown_sender, 9U);
   // Nor does a member of the roster get a stranger's facts in.
   ASSERT_EQ(stranger->send({{2, 1}, landmark_batch({9, 1}, 0, 1)}), SendStatus::sent);
   self.step(0.5);

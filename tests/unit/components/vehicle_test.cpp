@@ -228,12 +228,14 @@ TEST_F(VehicleTest, ShutdownAndConfigureIsANewEpochThatGrows) {
     epochs.push_back(vehicle().snapshot().self.epoch);
     close_segment();
     const auto s = vehicle().snapshot();
+    EXPECT_EQ(s.restarted, round > 0);
     EXPECT_EQ(s.landmarks_known, 3U);  // of this epoch: the facts of the last one are gone
     EXPECT_EQ(s.facts_missing, 0U);
     vehicle().shutdown();
   }
   vehicle_.reset();  // another process
   vehicle().configure();
+  EXPECT_TRUE(vehicle().snapshot().restarted);
   epochs.push_back(vehicle().snapshot().self.epoch);
   EXPECT_EQ(epochs, (std::vector<Epoch>{1, 2, 3, 4}));
   std::ifstream in(params_.state_folder / "epoch");

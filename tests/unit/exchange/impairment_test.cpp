@@ -75,6 +75,15 @@ TEST(Impairment, DirectionsAreApartAndShareASeed) {
   EXPECT_THROW(Impairment::parse("out.loss=0.1"), ConfigError);
 }
 
+TEST(Impairment, WrittenAsItIsRead) {
+  EXPECT_EQ(to_string(Impairments()), "");
+  EXPECT_EQ(to_string(Impairments::parse("loss=0.3,delay=100ms")), "loss=0.3,delay=0.1s,seed=1");
+  const char* all =
+      "loss=0.3,duplicate=0.2,delay=1.5s,jitter=5e-05s,reorder=0.1,rate=1e+05B/s,queue=2s,partition=3+40@10..70,"
+      "partition=1@80..90,seed=7,out.loss=0.1,out.seed=8";
+  EXPECT_EQ(to_string(Impairments::parse(all)), all);
+}
+
 class UnusableImpairment : public testing::TestWithParam<const char*> {};
 
 TEST_P(UnusableImpairment, IsRefusedWithItsNameAndTheMend) {
