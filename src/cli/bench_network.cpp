@@ -8,20 +8,17 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <csignal>
 #include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <functional>
-#include <map>
 #include <memory>
-#include <optional>
 #include <set>
 #include <sstream>
-#include <thread>
 
+#include "bench_fleet.hpp"
 #include "child_process.hpp"
 #include "qos_profile.hpp"
 #include "scenario/table_file.hpp"
@@ -32,167 +29,11 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-std::int64_t now_us() {
-  return std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::steady_clock::now().time_since_epoch())
-      .count();
-}
-double seconds_between(std::int64_t from_us, std::int64_t to_us) { return 1e-6 * static_cast<double>(to_us - from_us); }
-void pause_ms(int ms) { std::this_thread::sleep_for(std::chrono::milliseconds(ms)); }
-
 // Two figures behind the point are enough for seconds and bytes.
 std::string text_of(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.2f", value);
   return text;
-}
-
-// Processes of one domain. They are killed when this goes out of scope.
-class Fleet {
- public:
-  struct Setup {
-    fs::path profile;
-    std::string impair = {};
-    std::vector<std::string> servers = {};
-    bool alone = false;
-    double budget_bytes_per_s = 0.0;
-  };
-
-  Fleet(fs::path folder, Setup setup) : folder_(std::move(folder)), setup_(std::move(setup)), domain_(next_domain()) {}
-
-  void start(VehicleId vehicle) {
-    std::vector<std::string> command = {
-        this_program(), "bench-peer",           "--profile", setup_.profile, "--domain", std::to_string(domain_),
-        "--vehicle",    std::to_string(vehicle)};
-    if (!setup_.impair.empty())
-      command.insert(command.end(), {"--impair", setup_.impair + ",seed=" + std::to_string(vehicle)});
-    for (const std::string& server : setup_.servers) command.insert(command.end(), {"--server", server});
-    if (setup_.alone) command.push_back("--alone");
-    if (setup_.budget_bytes_per_s > 0.0)
-      command.insert(command.end(), {"--budget", std::to_string(setup_.budget_bytes_per_s)});
-    peers_[vehicle] = std::make_unique<ChildProcess>(command, folder_ / "peers.log");
-  }
-  void start_all(VehicleId count) {
-    for (VehicleId v = 1; v <= count; ++v) start(v);
-  }
-  void say(VehicleId vehicle, const std::string& line) {
-    if (!peers_.at(vehicle)->say(line)) fail(vehicle);
-  }
-  void say_all(const std::string& line) {
-    for (const auto& [vehicle, peer] : peers_) say(vehicle, line);
-  }
-  void kill(VehicleId vehicle) {
-    peers_.at(vehicle)->kill_hard();
-    peers_.at(vehicle)->wait(5.0);
-    peers_.erase(vehicle);
-  }
-  std::size_t size() const { return peers_.size(); }
-
-  /// What each answers to `question`. Throws ConfigError if one ends or says nothing for a minute.
-  std::map<VehicleId, json> ask(const std::string& question) {
-    say_all(question);
-    std::map<VehicleId, json> answers;
-    const std::int64_t asked_us = now_us();
-    while (answers.size() < peers_.size()) {
-      for (const auto& [vehicle, peer] : peers_) {
-        for (const std::string& line : peer->lines()) {
-          json answer = json::parse(line, nullptr, false);
-          if (answer.is_object() && answer.value("answer", "") == question) answers[vehicle] = std::move(answer);
-        }
-        if (!answers.contains(vehicle) && (peer->ended() || now_us() - asked_us > 60'000'000)) fail(vehicle);
-      }
-      pause_ms(2);
-    }
-    return answers;
-  }
-  std::map<VehicleId, json> states() { return ask("state"); }
-
-  /// Asks for the states until they satisfy `done`; empty if they do not within `timeout_s`.
-  std::optional<std::map<VehicleId, json>> wait(const std::string& what, double timeout_s,
-                                                const std::function<bool(const std::map<VehicleId, json>&)>& done) {
-    const std::int64_t begun_us = now_us();
-    std::int64_t told_us = begun_us;
-    for (;;) {
-      auto now = states();
-      if (done(now)) return now;
-      if (seconds_between(begun_us, now_us()) > timeout_s) return std::nullopt;
-      if (now_us() - told_us > 2'000'000) {
-        told_us = now_us();
-        std::uint64_t least = ~std::uint64_t{0}, most = 0;
-        for (const auto& [vehicle, state] : now) {
-          least = std::min(least, state.at("facts").get<std::uint64_t>());
-          most = std::max(most, state.at("facts").get<std::uint64_t>());
-        }
-        std::printf("      %s: %.0f s, each holds %llu to %llu facts\n", what.c_str(),
-                    seconds_between(begun_us, told_us), static_cast<unsigned long long>(least),
-                    static_cast<unsigned long long>(most));
-        std::fflush(stdout);
-      }
-      pause_ms(100);
-    }
-  }
-
-  /// Until all know of each other. Throws ConfigError if they do not within three minutes (at 50 % loss one is not
-  /// enough), or if strangers are there.
-  std::map<VehicleId, json> wait_for_each_other() {
-    const std::size_t others = peers_.size() - 1;
-    const auto found = wait("finding each other", 180.0, [&](const auto& states) {
-      for (const auto& [vehicle, state] : states)
-        if (state.at("peers") > others)
-          throw ConfigError("bench: somebody else is heard on DDS domain " + std::to_string(domain_) +
-                            "; wait until that has ended");
-      return std::all_of(states.begin(), states.end(), [&](const auto& s) { return s.second.at("peers") == others; });
-    });
-    if (!found)
-      throw ConfigError("bench: the processes do not find each other; see " + (folder_ / "peers.log").string());
-    return *found;
-  }
-
-  /// Until nobody writes any more and everybody holds the same `facts`; see wait().
-  std::optional<std::map<VehicleId, json>> wait_for_all(std::uint64_t facts, double timeout_s) {
-    return wait("exchanging", timeout_s, [&](const auto& states) {
-      std::set<std::uint64_t> holdings;
-      for (const auto& [vehicle, state] : states) {
-        holdings.insert(state.at("holdings").template get<std::uint64_t>());
-        if (state.at("writing") || state.at("facts") < facts) return false;
-      }
-      return holdings.size() == 1;
-    });
-  }
-
- private:
-  // Beyond 99 the ports of a domain are those of other programs.
-  static std::uint32_t next_domain() {
-    static std::uint32_t next = static_cast<std::uint32_t>(getpid());
-    return 20 + next++ % 80;
-  }
-  [[noreturn]] void fail(VehicleId vehicle) const {
-    throw ConfigError("bench: process " + std::to_string(vehicle) + " does not answer (" +
-                      peers_.at(vehicle)->ended().value_or("it runs") + "); see " + (folder_ / "peers.log").string());
-  }
-
-  fs::path folder_;
-  Setup setup_;
-  std::uint32_t domain_;
-  std::map<VehicleId, std::unique_ptr<ChildProcess>> peers_;
-};
-
-using States = std::map<VehicleId, json>;
-
-// Latest of all.
-std::int64_t last(const States& states, const char* figure) {
-  std::int64_t latest = 0;
-  for (const auto& [vehicle, state] : states) latest = std::max(latest, state.at(figure).get<std::int64_t>());
-  return latest;
-}
-double mean(const States& states, const char* figure) {
-  double sum = 0.0;
-  for (const auto& [vehicle, state] : states) sum += state.at(figure).get<double>();
-  return sum / static_cast<double>(states.size());
-}
-double most(const States& states, const char* figure) {
-  double largest = 0.0;
-  for (const auto& [vehicle, state] : states) largest = std::max(largest, state.at(figure).get<double>());
-  return largest;
 }
 
 // Of a chain: its start, the static bias, landmarks and their anchors, 20 to each.
@@ -205,7 +46,7 @@ json row(const std::string& asked, const std::string& measured, bool met, json d
 }
 
 // From written to held by all others, of every landmark of every vehicle.
-json everywhere(Fleet& fleet) {
+json everywhere(BenchFleet& fleet) {
   const auto times = fleet.ask("times");
   std::vector<double> delays_s;
   std::uint64_t lacking = 0;
@@ -241,16 +82,16 @@ json everywhere(Fleet& fleet) {
 constexpr char bad_radio[] = "loss=0.3,delay=100ms,jitter=50ms,duplicate=0.1,reorder=0.1";
 
 // One run of `vehicles` that all write.
-json run_fleet(const fs::path& folder, const Fleet::Setup& setup, VehicleId vehicles, std::uint64_t landmarks,
+json run_fleet(const fs::path& folder, const BenchFleet::Setup& setup, VehicleId vehicles, std::uint64_t landmarks,
                double per_s, double timeout_s, const std::string& how = "") {
-  Fleet fleet(folder, setup);
+  BenchFleet fleet(folder, setup);
   const std::int64_t begun_us = now_us();
   fleet.start_all(vehicles);
-  const States before = fleet.wait_for_each_other();
+  const BenchStates before = fleet.wait_for_each_other();
   fleet.say_all("write " + std::to_string(landmarks) + " " + std::to_string(per_s) + " " + how);
   const double writing_s = static_cast<double>(landmarks) / per_s;
   const auto after = fleet.wait_for_all(facts_of(vehicles, landmarks), writing_s + timeout_s);
-  const States states = after ? *after : fleet.states();
+  const BenchStates states = after ? *after : fleet.states();
   json result = everywhere(fleet);
   result["found_s"] = seconds_between(begun_us, last(before, "peers_since_us"));
   result["complete"] = after.has_value();
@@ -301,7 +142,7 @@ json half_lost(const fs::path& folder) {
 json dead_author(const fs::path& folder) {
   constexpr VehicleId author = 1, witness = 2, vehicles = 5;
   constexpr std::uint64_t landmarks = 200;
-  Fleet fleet(folder, {qos_profile("loopback_udp.xml"), "loss=0"});
+  BenchFleet fleet(folder, {qos_profile("loopback_udp.xml"), "loss=0"});
   fleet.start_all(vehicles);
   fleet.wait_for_each_other();
   for (VehicleId v = witness + 1; v <= vehicles; ++v) fleet.say(v, "block " + std::to_string(author));
@@ -309,9 +150,9 @@ json dead_author(const fs::path& folder) {
   pause_ms(100);
   fleet.say(author, "write " + std::to_string(landmarks) + " 10000");
   const std::uint64_t all = facts_of(1, landmarks) + 2 * (vehicles - 1);
-  const auto reached =
-      fleet.wait("reaching the one", 20.0, [&](const States& states) { return states.at(witness).at("facts") >= all; });
-  const States at_death = fleet.states();
+  const auto reached = fleet.wait("reaching the one", 20.0,
+                                  [&](const BenchStates& states) { return states.at(witness).at("facts") >= all; });
+  const BenchStates at_death = fleet.states();
   fleet.kill(author);
   const std::int64_t killed_us = now_us();
   const auto after = fleet.wait_for_all(all, 60.0);
@@ -333,7 +174,7 @@ json partition(const fs::path& folder) {
   constexpr VehicleId vehicles = 6;
   constexpr std::uint64_t landmarks = 1200;
   constexpr double per_s = 20.0;  // for the 60 s that it lasts
-  Fleet fleet(folder, {qos_profile("lossy_radio.xml"), "loss=0"});
+  BenchFleet fleet(folder, {qos_profile("lossy_radio.xml"), "loss=0"});
   fleet.start_all(vehicles);
   fleet.wait_for_each_other();
   const auto cut = [&](const std::string& verb) {
@@ -343,19 +184,19 @@ json partition(const fs::path& folder) {
   };
   cut("block");
   fleet.say_all("write " + std::to_string(landmarks) + " " + std::to_string(per_s));
-  fleet.wait("cut in two", 90.0, [&](const States& states) {
+  fleet.wait("cut in two", 90.0, [&](const BenchStates& states) {
     return std::none_of(states.begin(), states.end(), [](const auto& s) { return s.second.at("writing") == true; });
   });
-  const States apart = fleet.states();
+  const BenchStates apart = fleet.states();
   const std::int64_t healed_us = now_us();
   cut("unblock");
   const std::uint64_t all = facts_of(vehicles, landmarks);
-  const auto after = fleet.wait("healing", 60.0, [&](const States& states) {
+  const auto after = fleet.wait("healing", 60.0, [&](const BenchStates& states) {
     return std::all_of(states.begin(), states.end(), [&](const auto& s) {
       return s.second.at("facts") == all && s.second.at("peers") == vehicles - 1;
     });
   });
-  const States states = after ? *after : fleet.states();
+  const BenchStates states = after ? *after : fleet.states();
   std::set<std::uint64_t> holdings;
   for (const auto& [vehicle, state] : states) holdings.insert(state.at("holdings").get<std::uint64_t>());
   const double found_s = std::max(0.0, seconds_between(healed_us, last(states, "peers_since_us")));
@@ -379,13 +220,13 @@ json partition(const fs::path& folder) {
 json late_joiner(const fs::path& folder) {
   constexpr VehicleId vehicles = 5;
   constexpr std::uint64_t landmarks = 10000;
-  Fleet fleet(folder, {qos_profile("loopback_udp.xml")});
+  BenchFleet fleet(folder, {qos_profile("loopback_udp.xml")});
   fleet.start_all(vehicles);
   fleet.wait_for_each_other();
   fleet.say_all("write " + std::to_string(landmarks) + " 1000");
   if (!fleet.wait_for_all(facts_of(vehicles, landmarks), 120.0))
     return row("complete <= 3 s after its start", "the five were not complete before it", false, json::object());
-  const States before = fleet.states();
+  const BenchStates before = fleet.states();
   const std::int64_t started_us = now_us();
   fleet.start(vehicles + 1);
   const auto after = fleet.wait_for_all(facts_of(vehicles, landmarks) + 2, 60.0);
@@ -424,15 +265,16 @@ json bytes_per_landmark(const fs::path& folder) {
 // 2 m/s, 20 landmarks every 25 m, a live pose every second.
 json paper_with(const fs::path& folder, const std::string& profile, double budget_bytes_per_s) {
   constexpr int duration_s = 100;
-  Fleet fleet(folder, {qos_profile(profile), "", {}, false, budget_bytes_per_s});
+  BenchFleet fleet(folder, {qos_profile(profile), "", {}, false, budget_bytes_per_s});
   fleet.start_all(2);
   const std::int64_t begun_us = now_us();
-  States found = fleet.wait_for_each_other();
+  BenchStates found = fleet.wait_for_each_other();
+  const double until_found = most(found, "bytes");
   fleet.say_all("live 1");
   fleet.say_all("write 160 1.6");
   double worst = 0.0;
   json each_second = json::array();  // of the vehicle that sent the most
-  States now;
+  BenchStates now;
   for (int second = 1; second <= duration_s; ++second) {
     while (seconds_between(begun_us, now_us()) < second) pause_ms(5);
     now = fleet.states();
@@ -449,7 +291,8 @@ json paper_with(const fs::path& folder, const std::string& profile, double budge
     std::fflush(stdout);
   }
   const double mean_rate = mean(now, "bytes") / duration_s;
-  return {{"profile", profile},
+  return {{"bytes_until_found", until_found},
+          {"profile", profile},
           {"budget_bytes_per_s", budget_bytes_per_s},
           {"bytes_per_s_mean_with_discovery", mean_rate},
           {"bytes_per_s_worst_second_after_discovery", worst},
@@ -463,7 +306,8 @@ json paper(const fs::path& folder) {
   const double mean_rate = details["bytes_per_s_mean_with_discovery"];
   const double worst = details["bytes_per_s_worst_second_after_discovery"];
   return row("<= 1 KB/s per vehicle mean, <= 2 KB/s in the worst second",
-             text_of(1e-3 * mean_rate) + " and " + text_of(1e-3 * worst) + " KB/s (low_bandwidth.xml)",
+             text_of(1e-3 * mean_rate) + " and " + text_of(1e-3 * worst) + " KB/s (low_bandwidth.xml), after " +
+                 text_of(1e-3 * details["bytes_until_found"].get<double>()) + " KB to find each other",
              mean_rate <= 1000.0 && worst <= 2000.0, details);
 }
 
@@ -491,14 +335,14 @@ json forty(const fs::path& folder) {
   const std::string asked = "discovered <= 3 s, 20 facts/s each complete, <= 32 MB per process";
   if (!server) return row(asked, "not run: no fast-discovery-server (package fastdds-tools)", false, json::object());
   pause_ms(1000);  // until it listens
-  Fleet fleet(folder, {qos_profile("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}});
+  BenchFleet fleet(folder, {qos_profile("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}});
   const std::int64_t begun_us = now_us();
   fleet.start_all(vehicles);
-  const States found = fleet.wait_for_each_other();
+  const BenchStates found = fleet.wait_for_each_other();
   const double found_s = seconds_between(begun_us, last(found, "peers_since_us"));
   fleet.say_all("write " + std::to_string(landmarks) + " 20");
   const auto after = fleet.wait_for_all(facts_of(vehicles, landmarks), 60.0);
-  const States states = after ? *after : fleet.states();
+  const BenchStates states = after ? *after : fleet.states();
   const double largest_mb = most(states, "rss_kb") / 1024.0;
   json details = everywhere(fleet);
   details["found_s"] = found_s;
@@ -541,7 +385,7 @@ json growth_forty(const fs::path& folder) {
   const std::string asked = "equal digests; CPU and bytes per vehicle (5000 landmarks each at 50/s)";
   if (!server) return row(asked, "not run: no fast-discovery-server (package fastdds-tools)", false, json::object());
   pause_ms(1000);  // until it listens
-  const Fleet::Setup setup{qos_profile("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}};
+  const BenchFleet::Setup setup{qos_profile("large_fleet.xml"), "", {"127.0.0.1:" + std::to_string(port)}};
   json fleet = run_fleet(folder, setup, 40, 5000, 50.0, 60.0);
   const bool met = fleet["complete"] == true;
   return row(asked,
