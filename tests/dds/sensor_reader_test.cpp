@@ -16,6 +16,7 @@
 #include <fastdds/dds/topic/Topic.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
 #include <limits>
 
@@ -379,6 +380,43 @@ TEST(SensorReader, ParametersOutOfRangeAreNamed) {
   EXPECT_THAT(fault([](auto& p) { p.interfaces = {}; }), HasSubstr("127.0.0.1"));
   EXPECT_THAT(fault([](auto& p) { p.queued_frames = 0; }), HasSubstr("queued_frames"));
   EXPECT_THAT(fault([](auto& p) { p.queued_readings = 1; }), HasSubstr("queued_readings"));
+}
+
+TEST(SensorReader, DrivesThroughTheSimulatorStepByStep) {
+  const std::string simulator = CONVOY_SIM;
+  if (simulator.empty()) GTEST_SKIP() << "the simulator is not built (CONVOY_BUILD_SIMULATOR)";
+  const std::uint32_t domain = domain_of_this_test();
+  Child sim({simulator, "--lock-step", "--vehicles", "1", "--duration", "2", "--gps", "rtk", "--drop", "0", "--camera",
+             "64x48", "--world", CONVOY_SIM_TEST_MAP, "--domain-sensors", std::to_string(domain), "--domain-truth",
+             std::to_string(domain - 1)});
+  SensorReaderParams of_one = params(true);
+  of_one.vehicle = 1;
+  SensorReader reader(of_one);
+  std::array<std::size_t, 3> count{};
+  double distance_m = 0.0, stamp_s = 0.0;
+  for (bool last = false; !last;) {
+    const auto batch = reader.next(deadline_s);
+    ASSERT_TRUE(batch);
+    for (const SensorReading& reading : batch->readings) {
+      ++count[reading.index()];
+      stamp_s = std::max(stamp_s, stamp_of(reading));
+      if (const auto* o = std::get_if<OdometryReading>(&reading)) distance_m += o->distance_m;
+      if (const auto* f = std::get_if<CameraFrame>(&reading)) {
+        EXPECT_EQ(f->grey.size(), 64U * 48U);
+      }
+    }
+    last = batch->last;
+    reader.done(*batch);
+  }
+  EXPECT_EQ(sim.finish(), 0);
+  EXPECT_EQ(count[2], 20U) << "two seconds at 10 Hz";
+  EXPECT_GT(count[0], 20U);
+  EXPECT_GT(count[1], 0U);
+  EXPECT_GT(distance_m, 0.5);
+  EXPECT_NEAR(stamp_s, 2.0, 0.1);
+  ASSERT_TRUE(reader.camera());
+  EXPECT_EQ(reader.camera()->calibration.width, 64);
+  EXPECT_EQ(reader.counters().hostile + reader.counters().undecodable + reader.counters().lost, 0U);
 }
 
 }  // namespace
