@@ -14,7 +14,9 @@ constexpr double silent_after = 3.0;            // idle periods without a digest
 constexpr double prompt_within = 0.2;           // s; a digest for somebody new
 constexpr double prompt_apart = 0.5;            // s; however many are new
 constexpr double lost_period_s = 60.0;          // between two requests for what is declared missing
-constexpr std::uint32_t block = 32;             // indices that one answers at once
+constexpr double share_of_asks = 0.8;  // that another's request takes from this vehicle's: it is answered for all
+constexpr double least_share = 0.05;   // of them is left to each, whatever others ask for
+constexpr std::uint32_t block = 32;    // indices that one answers at once
 constexpr std::size_t max_known_peers = 1024;
 
 /// Calls visit(index) for each held index of `ranges`, ascending, each once, as long as it says true.
@@ -57,6 +59,7 @@ RepairParams under_budget(RepairParams params, double bytes_per_s) {
   const double block_s = block * landmark_bytes / (share_of_facts * bytes_per_s);
   params.relay_delay_s = std::max(params.relay_delay_s, 2.0 * block_s);
   params.resend_s = std::max(params.resend_s, 2.0 * block_s);
+  params.asks_per_s = std::min(params.asks_per_s, 50.0);
   return params;
 }
 
@@ -72,9 +75,20 @@ double RepairProtocol<G>::uniform() {
 }
 
 template <class G>
-bool RepairProtocol<G>::Allowance::take(double per_s, double now_s) {
+void RepairProtocol<G>::Allowance::refill(double per_s, double now_s) {
   left = std::min(std::max(1.0, per_s), left + per_s * (now_s - at_s));
   at_s = now_s;
+}
+
+template <class G>
+void RepairProtocol<G>::Allowance::spend(double share, double per_s, double now_s) {
+  refill(per_s, now_s);
+  left = std::max(-per_s, left - share);
+}
+
+template <class G>
+bool RepairProtocol<G>::Allowance::take(double per_s, double now_s) {
+  refill(per_s, now_s);
   if (left < 1.0) return false;
   left -= 1.0;
   return true;
@@ -92,6 +106,7 @@ void RepairProtocol<G>::on_digest(FactStore<G>& store, const ChainId& sender, co
   std::array<std::uint32_t, fact_kind_count> own{};
   bool speaks_of_itself = false;
   for (const ChainMark& mark : digest.marks) {
+    ask_for_lost(store, mark, now_s);
     if (mark.chain != sender) {
       store.announce(mark.chain, mark.kind, mark.high_water);
     } else if (static_cast<int>(mark.kind) < fact_kind_count) {
@@ -102,12 +117,38 @@ void RepairProtocol<G>::on_digest(FactStore<G>& store, const ChainId& sender, co
   // What it does not list of its own it has none of, whatever others say.
   for (int k = 0; speaks_of_itself && k < fact_kind_count; ++k)
     store.announce_own(sender, static_cast<FactKind>(k), own[static_cast<std::size_t>(k)]);
+  note_told(store, digest.marks, now_s);
   if (sender == self_ || (peers_.size() >= max_known_peers && !peers_.contains(sender))) return;
   if (!heard_lately(sender, now_s)) {
     tell_soon(now_s);
     ask_again(now_s);
   }
   peers_[sender] = {digest.holdings, now_s};
+}
+
+// What was given up is held by somebody after all.
+template <class G>
+void RepairProtocol<G>::ask_for_lost(const FactStore<G>& store, const ChainMark& mark, double now_s) {
+  const auto wanted = wanted_.find({mark.chain, mark.kind});
+  if (wanted == wanted_.end() || !wanted->second.lost) return;
+  const auto chain = store.chains().find(mark.chain);
+  if (chain == store.chains().end()) return;
+  if (mark.count > chain->second.marks[static_cast<std::size_t>(mark.kind)].count)
+    wanted->second.next_s = std::min(wanted->second.next_s, now_s + params_.grace_s * (1.0 + uniform()));
+}
+
+// Notes the chains of which the marks, which of one chain lie together, say what is held here, too.
+template <class G>
+void RepairProtocol<G>::note_told(const FactStore<G>& store, const std::vector<ChainMark>& marks, double now_s) {
+  for (auto begin = marks.begin(); begin != marks.end();) {
+    const ChainId chain = begin->chain;
+    const auto end = std::find_if(begin, marks.end(), [&](const ChainMark& mark) { return mark.chain != chain; });
+    if (store.chains().contains(chain)) {
+      const auto held = store.marks_of(chain);
+      if (std::equal(begin, end, held.begin(), held.end())) told_s_[chain] = now_s;
+    }
+    begin = end;
+  }
 }
 
 template <class G>
@@ -166,6 +207,7 @@ void RepairProtocol<G>::on_request(const FactStore<G>& store, const ChainId& sen
   }
   if (static_cast<int>(request.kind) >= fact_kind_count) return;
   put_off(store, request, now_s);
+  asks_.spend(share_of_asks, params_.asks_per_s, now_s);
   const auto chain = store.chains().find(request.target);
   if (chain == store.chains().end()) return;
   const bool own = request.target == self_;
@@ -251,22 +293,43 @@ bool RepairProtocol<G>::all_agree(const FactStore<G>& store, double now_s) const
   });
 }
 
-// One's own chain, which others hear of from nobody sooner, then the others in turn.
+// One's own chain, which others hear of from nobody sooner. Then half of the others in turn, and half of them those of
+// which nobody has told the same for longest: so a fleet tells each chain once, and not each vehicle all of them, as
+// far as they hear each other.
 template <class G>
-std::vector<ChainMark> RepairProtocol<G>::marks_to_tell(const FactStore<G>& store) {
+std::vector<ChainMark> RepairProtocol<G>::marks_to_tell(const FactStore<G>& store, double now_s) {
   std::vector<ChainMark> marks = store.marks_of(self_);
   const auto& chains = store.chains();
   std::uint32_t told = marks.empty() ? 0 : 1;
+  const auto tell = [&](const ChainId& chain) {
+    const auto more = chain == self_ ? std::vector<ChainMark>{} : store.marks_of(chain);
+    marks.insert(marks.end(), more.begin(), more.end());
+    told_s_[chain] = now_s;
+    told += !more.empty();
+  };
   // Not all begin with the same one.
   auto it = chains.upper_bound(turn_);
   if (!std::exchange(told_of_others_, true))
     it = std::next(chains.begin(), static_cast<std::ptrdiff_t>(uniform() * static_cast<double>(chains.size())));
-  for (std::size_t n = chains.size(); n > 0 && told < params_.max_chains; --n, ++it) {
+  const std::uint32_t in_turn = chains.size() <= params_.max_chains ? params_.max_chains : (params_.max_chains + 2) / 2;
+  for (std::size_t n = chains.size(); n > 0 && told < in_turn; --n, ++it) {
     if (it == chains.end()) it = chains.begin();
-    const auto more = it->first == self_ ? std::vector<ChainMark>{} : store.marks_of(it->first);
-    marks.insert(marks.end(), more.begin(), more.end());
     turn_ = it->first;
-    told += !more.empty();
+    tell(turn_);
+  }
+  if (told_s_.size() > chains.size()) std::erase_if(told_s_, [&](const auto& c) { return !chains.contains(c.first); });
+  std::vector<std::pair<double, ChainId>> untold;
+  if (told < params_.max_chains)
+    for (const auto& [chain, held] : chains)
+      if (const auto told_s = told_s_.try_emplace(chain, -1.0).first->second; told_s < now_s)
+        untold.emplace_back(told_s, chain);
+  std::sort(untold.begin(), untold.end());
+  // Others choose from the same at the same time.
+  const double choice = crowd() * static_cast<double>(params_.max_chains - told);
+  untold.resize(std::min(untold.size(), static_cast<std::size_t>(choice)));
+  for (; !untold.empty() && told < params_.max_chains; untold.pop_back()) {
+    std::swap(untold[static_cast<std::size_t>(uniform() * static_cast<double>(untold.size()))], untold.back());
+    tell(untold.back().second);
   }
   return marks;
 }
@@ -283,7 +346,7 @@ std::optional<std::vector<ChainMark>> RepairProtocol<G>::digest_due(const FactSt
   std::erase_if(peers_, [&](const auto& peer) { return !heard_lately(peer.first, now_s); });
   if (nothing_to_tell && !prompt) return std::vector<ChainMark>{};
   told_revision_ = store.revision();
-  return marks_to_tell(store);
+  return marks_to_tell(store, now_s);
 }
 
 // From where the last request ended, so that what nobody has does not keep the rest from being asked for.
@@ -338,7 +401,7 @@ void RepairProtocol<G>::request_missing(const FactStore<G>& store, const Sequenc
   wanted.lost =
       (now_s >= wanted.progress_s + params_.lost_after_s && !author_is_there) || store.is_full(sequence.first);
   if (now_s < wanted.next_s) return;
-  if (!asks_.take(params_.asks_per_s, now_s)) {
+  if (!asks_.take(params_.asks_per_s, now_s) && !least_asks_.take(least_share * params_.asks_per_s, now_s)) {
     ++counters_.requests_waiting;
     return;
   }

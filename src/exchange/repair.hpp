@@ -20,17 +20,17 @@ struct RepairParams {
   double digest_period_s = 1.0;  ///< between two digests while facts are new, or a peer holds others
   double digest_idle_s = 5.0;    ///< while nothing is new and all peers hold the same; at least digest_period_s
   std::uint32_t max_chains =
-      10;                      ///< told of in one digest (its own first, the others in turn), so that it fits a frame
+      10;                      ///< told of in one digest, so that it fits a frame: its own first, then others in turn
   double grace_s = 0.5;        ///< a gap younger than this may just be late
   double backoff_min_s = 0.5;  ///< between two requests for the same sequence; doubles up to the maximum
   double backoff_max_s = 8.0;
   double relay_delay_s = 0.6;        ///< up to this long one who is not the author waits for another to answer
   std::uint32_t max_ranges = 256;    ///< asked for at once, in requests of at most 64; the next ones in the next turn
-  double asks_per_s = 50.0;          ///< sequences asked for per second at most; the others wait for their turn
+  double asks_per_s = 200.0;         ///< sequences asked for per second at most; the others wait for their turn
   double answers_per_s = 500.0;      ///< facts served per second at most; the rest waits, nothing is forgotten
   double resend_s = 0.3;             ///< a fact served within this time is on its way, and not served again
   std::uint32_t batch_limit = 64;    ///< landmarks per answering message
-  double requests_per_s = 100.0;     ///< of one peer that are listened to; more are counted and passed over
+  double requests_per_s = 400.0;     ///< of one peer that are listened to; more are counted and passed over
   std::uint32_t max_answers = 4096;  ///< facts that wait to be served to one peer; more are asked for again
   double lost_after_s = 60.0;        ///< what nobody has served for so long, its author being gone, is declared missing
 };
@@ -111,6 +111,8 @@ class RepairProtocol {
   struct Allowance {
     double left = 0.0, at_s = -std::numeric_limits<double>::infinity();
     bool take(double per_s, double now_s);
+    void spend(double share, double per_s, double now_s);
+    void refill(double per_s, double now_s);
   };
   /// What waits to be served goes in turns, a block of each asker, so that who asks for much does not keep others
   /// waiting.
@@ -132,7 +134,9 @@ class RepairProtocol {
   double relay_at(double now_s);
   void enqueue(VehicleId asker, const FactId& fact, double at_s, bool insist);
   bool serve_block(const FactStore<G>& store, Asker& asker, double now_s, std::vector<Payload<G>>& out);
-  std::vector<ChainMark> marks_to_tell(const FactStore<G>& store);
+  std::vector<ChainMark> marks_to_tell(const FactStore<G>& store, double now_s);
+  void note_told(const FactStore<G>& store, const std::vector<ChainMark>& marks, double now_s);
+  void ask_for_lost(const FactStore<G>& store, const ChainMark& mark, double now_s);
   void put_off(const FactStore<G>& store, const Request& request, double now_s);
   void request_missing(const FactStore<G>& store, double now_s, std::vector<Payload<G>>& out);
   void request_missing(const FactStore<G>& store, const SequenceId& sequence, const ChainMark& mark, double now_s,
@@ -153,13 +157,14 @@ class RepairProtocol {
   std::map<VehicleId, Asker> askers_;
   VehicleId served_last_ = 0;
   ChainId asked_last_;
-  Allowance asks_;
+  Allowance asks_, least_asks_;      // of the fleet; of this vehicle, whatever the others ask for
   std::uint64_t told_revision_ = 0;  // of the facts that the last digest with marks spoke of
   double digest_s_ = -std::numeric_limits<double>::infinity();
   double digest_jitter_ = 1.0;
   double prompt_s_ = std::numeric_limits<double>::infinity();  // a digest out of turn, for somebody new
   ChainId turn_;                                               // the chain that the last digest ended with
   bool told_of_others_ = false;
+  std::map<ChainId, double> told_s_;  // when somebody, this vehicle too, told what is held here of the chain
   double last_s_ = 0.0;
   double allowance_ = 0.0;
   RepairCounters counters_;
