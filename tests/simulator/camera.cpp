@@ -1,10 +1,10 @@
 #include "camera.hpp"
 
+#include "four.hpp"
 #include "random.hpp"
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -17,15 +17,6 @@ constexpr std::uint32_t kStepStream = 0x10000, kDriftStream = 0x20000, kDropStre
 
 constexpr std::size_t kQuantiles = 4096;
 constexpr float kToneSteps = 16.0F;  // entries of the tone curve per grey value
-
-/// Four values at once, each rounded as it would be alone.
-using Four = float __attribute__((vector_size(16)));
-Four load(const float* from) {
-  Four four;
-  std::memcpy(&four, from, sizeof four);
-  return four;
-}
-void store(float* to, Four four) { std::memcpy(to, &four, sizeof four); }
 
 std::vector<float> spread_of(double sigma_px) {
   const int radius = static_cast<int>(std::ceil(3.0 * sigma_px));

@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
 #include <string>
+#ifdef __SSE2__
+#include <emmintrin.h>
+#endif
 
 namespace convoy::simulator {
 namespace {
@@ -68,6 +72,8 @@ std::vector<float> halved(const std::vector<float>& grey, std::size_t width, std
   return half;
 }
 
+constexpr float kTapUnit = 0x1p-14F;  // weights of a tap's four texels add up to 2^14
+
 }  // namespace
 
 MipTexture::MipTexture(const Texture& texture) {
@@ -94,7 +100,12 @@ MipTexture::MipTexture(const Texture& texture) {
 
 void MipTexture::add_level(const std::vector<float>& grey, unsigned log2_width, unsigned log2_height) {
   const std::size_t width = std::size_t{1} << log2_width, height = std::size_t{1} << log2_height;
-  Level level{32U - log2_width, 32U - log2_height, 1U << (31U - log2_width), 1U << (31U - log2_height), width + 1, {}};
+  Level level{16U - log2_width,
+              16U - log2_height,
+              1U << (31U - log2_width),
+              1U << (31U - log2_height),
+              static_cast<std::int32_t>(width + 1),
+              {}};
   level.grey.resize((width + 1) * (height + 1));
   std::uint8_t* out = level.grey.data();
   for (std::size_t y = 0; y <= height; ++y, out += width + 1) {
@@ -105,9 +116,112 @@ void MipTexture::add_level(const std::vector<float>& grey, unsigned log2_width, 
   levels_.push_back(std::move(level));
 }
 
+/// Repeats in 2^-32, without the whole ones.
+std::uint32_t MipTexture::fixed(float repeats) {
+  return static_cast<std::uint32_t>(static_cast<std::int64_t>(static_cast<double>(repeats) * 0x1p32));
+}
+
+/// A row of taps on one level, in 2^-16 texels.
+struct MipTexture::Row {
+  std::uint32_t u, v, step_u, step_v;
+  std::uint32_t last_u, last_v;  // the largest place: places wrap by it
+  const Level* level;
+
+  Row(const Level& on, std::uint32_t at_u, std::uint32_t at_v, const Taps& taps)
+      : u((at_u - on.half_u) >> on.shift_u),
+        v((at_v - on.half_v) >> on.shift_v),
+        step_u(taps.step_u >> on.shift_u),
+        step_v(taps.step_v >> on.shift_v),
+        last_u(~0U >> on.shift_u),
+        last_v(~0U >> on.shift_v),
+        level(&on) {}
+};
+
+#ifdef __SSE2__
+/// The sums of two rows of taps. Places and weights of both are found at once, four texels are weighed by one
+/// operation.
+std::array<std::int32_t, 2> MipTexture::sums(const Row& a, const Row& b, int count) {
+  const auto four = [](std::uint32_t i, std::uint32_t j, std::uint32_t k, std::uint32_t l) {
+    return _mm_setr_epi32(static_cast<int>(i), static_cast<int>(j), static_cast<int>(k), static_cast<int>(l));
+  };
+  const auto pair = [](const std::uint8_t* texels) {
+    std::uint16_t both;
+    std::memcpy(&both, texels, sizeof both);
+    return both;
+  };
+  const __m128i step = four(a.step_u, a.step_v, b.step_u, b.step_v),
+                last = four(a.last_u, a.last_v, b.last_u, b.last_v);
+  const auto stride = [](const Row& row) { return static_cast<std::uint32_t>(row.level->stride) << 16U | 1U; };
+  const __m128i strides = four(stride(a), stride(b), 0, 0);
+  const std::uint8_t *grey_a = a.level->grey.data(), *grey_b = b.level->grey.data();
+  const std::int32_t stride_a = a.level->stride, stride_b = b.level->stride;
+  __m128i place = four(a.u, a.v, b.u, b.v), sum = _mm_setzero_si128();
+  for (int i = 0; i < count; ++i) {
+    const __m128i whole = _mm_srli_epi32(place, 16);
+    const __m128i at = _mm_madd_epi16(_mm_packs_epi32(whole, whole), strides);
+    const std::uint8_t* const texels_a = grey_a + _mm_cvtsi128_si32(at);
+    const std::uint8_t* const texels_b = grey_b + _mm_cvtsi128_si32(_mm_shuffle_epi32(at, 1));
+    // Each lane: (128 - part, part) in 16 bits each.
+    const __m128i part = _mm_and_si128(_mm_srli_epi32(place, 9), _mm_set1_epi32(127));
+    const __m128i parts = _mm_add_epi32(_mm_sub_epi32(_mm_slli_epi32(part, 16), part), _mm_set1_epi32(128));
+    const __m128i along = _mm_shuffle_epi32(parts, 0b10100000);
+    const __m128i down =
+        _mm_shufflehi_epi16(_mm_shufflelo_epi16(_mm_shuffle_epi32(parts, 0b11110101), 0b01010000), 0b01010000);
+    __m128i texels = _mm_cvtsi32_si128(pair(texels_a));
+    texels = _mm_insert_epi16(texels, pair(texels_a + stride_a), 1);
+    texels = _mm_insert_epi16(texels, pair(texels_b), 2);
+    texels = _mm_insert_epi16(texels, pair(texels_b + stride_b), 3);
+    texels = _mm_unpacklo_epi8(texels, _mm_setzero_si128());
+    sum = _mm_add_epi32(sum, _mm_madd_epi16(texels, _mm_mullo_epi16(along, down)));
+    place = _mm_and_si128(_mm_add_epi32(place, step), last);
+  }
+  sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0b10110001));
+  return {_mm_cvtsi128_si32(sum), _mm_cvtsi128_si32(_mm_shuffle_epi32(sum, 2))};
+}
+#else
+std::array<std::int32_t, 2> MipTexture::sums(const Row& a, const Row& b, int count) {
+  return {sum(a, count), sum(b, count)};
+}
+#endif
+
+/// Grey x 2^14 between four neighbours, added up.
+std::int32_t MipTexture::sum(Row row, int count) {
+  std::uint32_t sum = 0;
+  for (int i = 0; i < count; ++i) {
+    const std::uint32_t right = row.u >> 9U & 127U, lower = row.v >> 9U & 127U;
+    const std::uint8_t* above =
+        row.level->grey.data() + static_cast<std::int32_t>(row.v >> 16U) * row.level->stride + (row.u >> 16U);
+    const std::uint8_t* below = above + row.level->stride;
+    sum += (above[0] * (128U - right) + above[1] * right) * (128U - lower) +
+           (below[0] * (128U - right) + below[1] * right) * lower;
+    row.u = (row.u + row.step_u) & row.last_u, row.v = (row.v + row.step_v) & row.last_v;
+  }
+  return static_cast<std::int32_t>(sum);
+}
+
+void MipTexture::sample(const float* u, const float* v, std::size_t count, const Taps& taps, float* grey) {
+  const auto row = [&](const Level& level, std::size_t i) {
+    return Row(level, fixed(u[i] + taps.first_u), fixed(v[i] + taps.first_v), taps);
+  };
+  if (taps.coarse != taps.fine) {
+    for (std::size_t i = 0; i < count; ++i) {
+      const auto [fine, coarse] = sums(row(*taps.fine, i), row(*taps.coarse, i), taps.count);
+      grey[i] = static_cast<float>(fine) * taps.fine_scale + static_cast<float>(coarse) * taps.coarse_scale;
+    }
+    return;
+  }
+  std::size_t i = 0;
+  for (; i + 2 <= count; i += 2) {
+    const auto [one, next] = sums(row(*taps.fine, i), row(*taps.fine, i + 1), taps.count);
+    grey[i] = static_cast<float>(one) * taps.fine_scale, grey[i + 1] = static_cast<float>(next) * taps.fine_scale;
+  }
+  if (i < count) grey[i] = static_cast<float>(sum(row(*taps.fine, i), taps.count)) * taps.fine_scale;
+}
+
 float MipTexture::at_level(float u, float v, int level) const {
-  const auto index = static_cast<std::size_t>(std::clamp(level, 0, levels() - 1));
-  return static_cast<float>(levels_[index].tap(fixed(u), fixed(v))) * (1.0F / 256.0F);
+  const Level& on = levels_[static_cast<std::size_t>(std::clamp(level, 0, levels() - 1))];
+  const Taps one{&on, &on, kTapUnit, 0.0F, 1, 0.0F, 0.0F, 0, 0};
+  return static_cast<float>(sum(Row(on, fixed(u), fixed(v), one), 1)) * kTapUnit;
 }
 
 MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filter) const {
@@ -115,7 +229,7 @@ MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filt
   float along_u = footprint.u_x, along_v = footprint.v_x;
   float longer = texels2(along_u, along_v), shorter = texels2(footprint.u_y, footprint.v_y);
   if (!filter.mipmaps || !(std::max(longer, shorter) > 1.0F))
-    return {levels_.data(), levels_.data(), 0, 1, 0.0F, 0.0F, 0, 0, 0x1p-16F};
+    return {levels_.data(), levels_.data(), kTapUnit, 0.0F, 1, 0.0F, 0.0F, 0, 0};
   if (longer < shorter) {
     std::swap(longer, shorter);
     along_u = footprint.u_y, along_v = footprint.v_y;
@@ -126,18 +240,18 @@ MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filt
   const float spacing = longer / static_cast<float>(count * count);
   const float lod = std::min(0.5F * log2_roughly(std::max(spacing, 1.0F)), last_level_);
   const auto index = static_cast<std::size_t>(lod);
-  const auto coarser = static_cast<std::uint32_t>((lod - static_cast<float>(index)) * 256.0F);
+  const float coarser = lod - static_cast<float>(index);
   const float part = 1.0F / static_cast<float>(count), first = 0.5F * part - 0.5F;
   const Level* fine = levels_.data() + index;
   return {fine,
-          coarser == 0 ? fine : fine + 1,
-          coarser,
+          coarser > 0.0F ? fine + 1 : fine,
+          part * kTapUnit * (1.0F - coarser),
+          part * kTapUnit * coarser,
           count,
           along_u * first,
           along_v * first,
           fixed(along_u * part),
-          fixed(along_v * part),
-          part * 0x1p-16F};
+          fixed(along_v * part)};
 }
 
 std::shared_ptr<const std::vector<MipTexture>> mip_textures(const Scene& scene) {

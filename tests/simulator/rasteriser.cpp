@@ -1,5 +1,7 @@
 #include "rasteriser.hpp"
 
+#include "four.hpp"
+
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -9,7 +11,7 @@
 namespace convoy::simulator {
 namespace {
 
-constexpr int kRun = 4;
+constexpr int kRun = 8;                  // a multiple of four
 constexpr std::size_t kMostCorners = 9;  // of a triangle cut by five planes, and one to spare
 
 Window window_of(const Lens& lens, double oversampling) {
@@ -45,6 +47,8 @@ float turns(float y, float x) {
   return y < 0.0F ? -angle : angle;
 }
 
+constexpr Four kLeast = {1e-4F, 1e-4F, 1e-4F, 1e-4F};  // of an inverse depth [1/m]
+
 std::string name_of(std::uint32_t index, std::optional<std::uint32_t> object) {
   return (object ? "object " + std::to_string(*object) + ", mesh " : "mesh ") + std::to_string(index);
 }
@@ -69,12 +73,12 @@ Rasteriser::Rasteriser(const Scene& scene, const Lens& lens, const RasteriserPar
       shared_textures_(textures ? std::move(textures) : mip_textures(scene)),
       textures_(*shared_textures_),
       buffer_(window_of(lens, params.oversampling)),
-      ray_x_(lens.params().width, lens.params().height),
+      ray_x_(lens.params().width, lens.params().height + 1),
       ray_y_(ray_x_),
-      corner_(ray_x_.width, ray_x_.height),
-      right_(ray_x_.width, ray_x_.height),
+      corner_(lens.params().width, lens.params().height),
+      right_(corner_.width, corner_.height),
       below_(right_),
-      light_(ray_x_) {
+      light_(corner_.width, corner_.height) {
   if (scene.sky >= textures_.size())
     throw std::invalid_argument("Scene: the sky is texture " + std::to_string(scene.sky) + " of " +
                                 std::to_string(textures_.size()) + "; add it to textures");
@@ -105,8 +109,8 @@ void Rasteriser::add_piece(const Mesh& mesh, std::uint32_t index, std::optional<
 }
 
 void Rasteriser::lay_out_pixels() {
-  for (int y = 0; y < ray_x_.height; ++y)
-    for (int x = 0; x < ray_x_.width; ++x) {
+  for (int y = 0; y < light_.height; ++y)
+    for (int x = 0; x < light_.width; ++x) {
       const Eigen::Vector2d ray = lens_.ray_of({x, y});
       const Eigen::Vector2d place = buffer_.window().pixel_of(ray) - Eigen::Vector2d::Constant(0.5);
       const Eigen::Vector2i corner = place.array().floor().cast<int>();
@@ -274,9 +278,9 @@ float Rasteriser::light_edge(int x, int y, std::uint32_t first_corner) const {
   std::array<float, 4> weights{(1 - r) * (1 - b), r * (1 - b), (1 - r) * b, r * b};
   float sum = 0.0F, one = 0.0F;
   for (std::size_t i = 0; i < 4; ++i) {
-    for (std::size_t j = i + 1; j < 4; ++j)
-      if (continuous(ids[i], ids[j], x, y)) weights[i] += weights[j], weights[j] = 0.0F;
     if (weights[i] <= 0.0F) continue;
+    for (std::size_t j = i + 1; j < 4; ++j)
+      if (weights[j] > 0.0F && continuous(ids[i], ids[j], x, y)) weights[i] += weights[j], weights[j] = 0.0F;
     light(ids[i], x, y, 1, &one);
     sum += weights[i] * one;
   }
@@ -308,10 +312,12 @@ void Rasteriser::light(std::uint32_t id, int x, int y, int count, float* out) co
   }
   const Seen& seen = drawn_[id];
   std::array<float, kRun> z, u, v;
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i) {
-    const auto form = [px = ray_x[i], py = ray_y[i]](const Eigen::Vector3f& f) { return f[0] * px + f[1] * py + f[2]; };
-    z[i] = 1.0F / std::max(form(seen.w), 1e-4F);
-    u[i] = form(seen.u) * z[i], v[i] = form(seen.v) * z[i];
+  for (std::size_t i = 0; i < static_cast<std::size_t>(count); i += 4) {
+    const Four px = load(ray_x + i), py = load(ray_y + i);
+    const auto form = [&](const Eigen::Vector3f& f) { return f[0] * px + f[1] * py + f[2]; };
+    const Four inverse_depth = form(seen.w), depth = 1.0F / (inverse_depth > kLeast ? inverse_depth : kLeast);
+    store(z.data() + i, depth);
+    store(u.data() + i, form(seen.u) * depth), store(v.data() + i, form(seen.v) * depth);
   }
   // The footprint of the run's middle pixel serves all of it.
   const auto m = static_cast<std::size_t>(count / 2);
@@ -323,8 +329,8 @@ void Rasteriser::light(std::uint32_t id, int x, int y, int count, float* out) co
   const float vx = (seen.v[0] - v[m] * seen.w[0]) * z[m], vy = (seen.v[1] - v[m] * seen.w[1]) * z[m];
   const MipTexture::Taps taps = seen.texture->taps(
       {ux * x_x + uy * y_x, vx * x_x + vy * y_x, ux * x_y + uy * y_y, vx * x_y + vy * y_y}, params_.filter);
-  for (std::size_t i = 0; i < static_cast<std::size_t>(count); ++i)
-    out[i] = seen.shade * MipTexture::sample(u[i], v[i], taps);
+  MipTexture::sample(u.data(), v.data(), static_cast<std::size_t>(count), taps, out);
+  for (int i = 0; i < count; ++i) out[i] *= seen.shade;
 }
 
 float Rasteriser::sky(float ray_x, float ray_y) const {

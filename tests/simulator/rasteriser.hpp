@@ -98,7 +98,7 @@ class Rasteriser {
   const std::vector<MipTexture>& textures_;
   std::vector<Piece> pieces_;
   VisibilityBuffer buffer_;
-  Image<float> ray_x_, ray_y_;         ///< where a frame pixel's ray meets the plane z = 1
+  Image<float> ray_x_, ray_y_;         ///< where a frame pixel's ray meets the plane z = 1; a row more, for fours
   Image<std::uint32_t> corner_;        ///< the upper left one of four visibility pixels around it
   Image<std::uint8_t> right_, below_;  ///< weights of the right and lower ones, of 255
   LightImage light_;
