@@ -12,7 +12,7 @@
 namespace convoy::simulator {
 namespace {
 
-constexpr int kHalf = 5;
+constexpr int kHalf = 5, kSurroundings = 32;  // [px]
 constexpr std::uint32_t kPredictionStream = 0x40000;
 using Patch = std::array<float, (2 * kHalf + 1) * (2 * kHalf + 1)>;
 
@@ -21,15 +21,50 @@ bool has_patch(const GreyImage& image, int x, int y) {
 }
 
 /// Mean 0 and norm 1; zero where all is of one grey.
-Patch patch_at(const GreyImage& image, int x, int y) {
-  Patch patch;
-  std::size_t i = 0;
+Patch normalised(Patch patch) {
   float sum = 0.0F, squares = 0.0F;
-  for (int dy = -kHalf; dy <= kHalf; ++dy)
-    for (int dx = -kHalf; dx <= kHalf; ++dx) sum += patch[i++] = image.at(x + dx, y + dy);
+  for (const float value : patch) sum += value;
   for (float& value : patch) value -= sum / static_cast<float>(patch.size()), squares += value * value;
   for (float& value : patch) value *= squares > 1.0F ? 1.0F / std::sqrt(squares) : 0.0F;
   return patch;
+}
+
+Patch patch_at(const GreyImage& image, int x, int y) {
+  Patch patch;
+  std::size_t i = 0;
+  for (int dy = -kHalf; dy <= kHalf; ++dy)
+    for (int dx = -kHalf; dx <= kHalf; ++dx) patch[i++] = image.at(x + dx, y + dy);
+  return normalised(patch);
+}
+
+/// What is kept of a frame about a patch's middle, to warp it; beyond the frame: its border.
+GreyImage surroundings(const GreyImage& image, const Eigen::Vector2i& pixel) {
+  GreyImage part(2 * kSurroundings + 1, 2 * kSurroundings + 1);
+  for (int y = 0; y < part.height; ++y)
+    for (int x = 0; x < part.width; ++x)
+      part.at(x, y) = image.at(std::clamp(pixel.x() + x - kSurroundings, 0, image.width - 1),
+                               std::clamp(pixel.y() + y - kSurroundings, 0, image.height - 1));
+  return part;
+}
+
+/// The patch whose pixel (dx, dy) is the mean about `to_part` (dx, dy) from the middle; none: it is larger than that.
+std::optional<Patch> warped(const GreyImage& part, const Eigen::Matrix2d& to_part) {
+  const Eigen::Vector2d reach = to_part.cwiseAbs() * Eigen::Vector2d::Constant(kHalf + 0.5);
+  if (!(reach.maxCoeff() < kSurroundings - 1)) return std::nullopt;
+  Patch patch{};
+  std::size_t i = 0;
+  for (int dy = -kHalf; dy <= kHalf; ++dy)
+    for (int dx = -kHalf; dx <= kHalf; ++dx, ++i)
+      for (const double below : {-0.25, 0.25})
+        for (const double beside : {-0.25, 0.25}) {
+          const Eigen::Vector2d at =
+              to_part * Eigen::Vector2d(dx + beside, dy + below) + Eigen::Vector2d::Constant(kSurroundings);
+          const int x = static_cast<int>(at.x()), y = static_cast<int>(at.y());
+          const double r = at.x() - x, b = at.y() - y;
+          patch[i] += static_cast<float>((part.at(x, y) * (1 - r) + part.at(x + 1, y) * r) * (1 - b) +
+                                         (part.at(x, y + 1) * (1 - r) + part.at(x + 1, y + 1) * r) * b);
+        }
+  return normalised(patch);
 }
 
 double zncc(const Patch& a, const Patch& b) {
@@ -59,7 +94,11 @@ struct Mapped {
   Patch patch;
   Eigen::Vector3d p_world;
   std::size_t frame;
-  bool seen = false, found = false;
+  GreyImage part;                    // of the frame, about it
+  Eigen::Isometry3d T_world_camera;  // of that frame
+  Eigen::Vector3d normal;            // of its surface
+  bool seen = false;
+  std::array<bool, kWarps> found{};
 };
 
 struct Track {
@@ -91,9 +130,12 @@ class Measurement {
       return of == 0 ? 0.0 : static_cast<double>(part) / static_cast<double>(of);
     };
     s.good_matches = share(good_, s.matches), s.wrong_pairs = share(wrong_, s.pairs);
-    std::size_t found = 0;
-    for (const Mapped& patch : mapped_) s.mapped += patch.seen, found += patch.found;
-    s.found_by_second = share(found, s.mapped);
+    std::array<std::size_t, kWarps> found{};
+    for (const Mapped& patch : mapped_) {
+      s.mapped += patch.seen;
+      for (std::size_t warp = 0; warp < kWarps; ++warp) found[warp] += patch.found[warp];
+    }
+    for (std::size_t warp = 0; warp < kWarps; ++warp) s.found_by_second[warp] = share(found[warp], s.mapped);
     return s;
   }
 
@@ -106,7 +148,7 @@ class Measurement {
       std::erase_if(tracks_, [&](Track& track) {
         const std::size_t before = track.length;
         const bool lost = !follow(track, frame->image, camera.truth());
-        if (track.length > before && track.length == params_.mapped_after) map(track, frame->image, camera.truth(), i);
+        if (track.length > before && track.length == params_.mapped_after) map(track, *frame, camera.truth(), i);
         if (lost) lengths_.push_back(track.length);
         return lost;
       });
@@ -131,10 +173,21 @@ class Measurement {
     return true;
   }
 
-  void map(const Track& track, const GreyImage& image, const Rasteriser& truth, std::size_t frame) {
+  void map(const Track& track, const Frame& frame, const Rasteriser& truth, std::size_t index) {
     const Eigen::Vector2i pixel = track.pixel.cast<int>();
-    if (const auto p_world = truth.world_point(pixel.x(), pixel.y()))
-      mapped_.push_back({patch_at(image, pixel.x(), pixel.y()), *p_world, frame});
+    const auto hit = truth.hit(pixel.x(), pixel.y());
+    if (!hit) return;
+    mapped_.push_back({patch_at(frame.image, pixel.x(), pixel.y()), hit->p_world, index,
+                       surroundings(frame.image, pixel), frame.T_world_camera, normal(*hit)});
+  }
+
+  Eigen::Vector3d normal(const Hit& hit) const {
+    const Mesh& mesh = hit.object ? scene_.objects[*hit.object].meshes[hit.mesh] : scene_.meshes[hit.mesh];
+    const auto corner = [&](std::size_t i) -> Eigen::Vector3d {
+      return mesh.vertices[mesh.triangles[hit.triangle][i]].position.cast<double>();
+    };
+    const Eigen::Vector3d n = (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalized();
+    return hit.object ? scene_.objects[*hit.object].T_world_object.linear() * n : n;
   }
 
   void add_corners(const GreyImage& image, const Rasteriser& truth) {
@@ -173,17 +226,51 @@ class Measurement {
       const auto frame = camera.take(beside, static_cast<std::uint32_t>(i));
       if (!frame) continue;
       for (Mapped& patch : mapped_) {
-        if (patch.found || patch.frame > i + params_.second_reach || i > patch.frame + params_.second_reach) continue;
+        if (patch.found == std::array{true, true, true} || patch.frame > i + params_.second_reach ||
+            i > patch.frame + params_.second_reach)
+          continue;
         const auto exact = camera.truth().project(patch.p_world);
         if (!exact || !has_patch(frame->image, static_cast<int>(exact->x()), static_cast<int>(exact->y())) ||
             !camera.truth().visible(patch.p_world, 0.3))
           continue;
         patch.seen = true;
-        const Match match = search(frame->image, patch.patch, predicted(*exact), params_.search_px);
-        patch.found =
-            match.score >= params_.accept && (Eigen::Vector2d(match.x, match.y) - *exact).norm() <= params_.good_px;
+        look_for(patch, *frame, *exact, camera.truth().lens());
       }
     }
+  }
+
+  void look_for(Mapped& patch, const Frame& frame, const Eigen::Vector2d& exact, const Lens& lens) {
+    const Eigen::Vector2d about = predicted(exact);
+    const Eigen::Vector3d facing = (patch.p_world - patch.T_world_camera.translation()).normalized();
+    const std::array<std::optional<Patch>, kWarps> expected{patch.patch, warped_for(patch, facing, frame, exact, lens),
+                                                            warped_for(patch, patch.normal, frame, exact, lens)};
+    for (std::size_t warp = 0; warp < kWarps; ++warp) {
+      if (patch.found[warp] || !expected[warp]) continue;
+      const Match match = search(frame.image, *expected[warp], about, params_.search_px);
+      patch.found[warp] =
+          match.score >= params_.accept && (Eigen::Vector2d(match.x, match.y) - exact).norm() <= params_.good_px;
+    }
+  }
+
+  /// By how pixels beside `exact`, seen on the patch's plane, move in the frame it was mapped in.
+  static std::optional<Patch> warped_for(const Mapped& patch, const Eigen::Vector3d& normal, const Frame& frame,
+                                         const Eigen::Vector2d& exact, const Lens& lens) {
+    const Eigen::Vector3d from = frame.T_world_camera.translation();
+    Eigen::Matrix2d to_part;
+    for (int axis = 0; axis < 2; ++axis) {
+      std::array<Eigen::Vector2d, 2> ends;
+      for (const int end : {0, 1}) {
+        const Eigen::Vector2d ray = lens.ray_of(exact + (end - 0.5) * Eigen::Vector2d::Unit(axis));
+        const Eigen::Vector3d along = frame.T_world_camera.linear() * ray.homogeneous();
+        const double depth = normal.dot(patch.p_world - from) / normal.dot(along);
+        if (!(depth > 0.0)) return std::nullopt;
+        const auto pixel = lens.pixel_of(patch.T_world_camera.inverse() * (from + depth * along));
+        if (!pixel) return std::nullopt;
+        ends[static_cast<std::size_t>(end)] = *pixel;
+      }
+      to_part.col(axis) = ends[1] - ends[0];
+    }
+    return warped(patch.part, to_part);
   }
 
   Eigen::Vector2d predicted(const Eigen::Vector2d& exact) {
