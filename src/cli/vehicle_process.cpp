@@ -104,9 +104,9 @@ int run_vehicle(VehicleConfig<G> config, const VehicleRunOptions& options) {
   if (config.sensors.file.empty())
     throw ConfigError(config.file.string() +
                       ":1: no <sensors file=\"...\"/>; name the sensor log that the vehicle is to replay");
-  if (!std::filesystem::exists(config.sensors.file))
-    throw ConfigError(config.sensors.origin + ": there is no sensor log " + config.sensors.file.string() +
-                      "; correct <sensors file> (paths are relative to the configuration's folder)");
+  if (!std::filesystem::exists(config.sensors.file) || std::filesystem::is_directory(config.sensors.file))
+    throw ConfigError(config.sensors.origin + ": " + config.sensors.file.string() +
+                      ": no such file; <sensors file> is relative to the folder of the configuration");
   const std::vector<SensorEvent> events = read_sensors<G>(config.sensors.file);
   if (events.empty())
     throw ConfigError(config.sensors.file.string() + ":1: no reading below the header; the vehicle would never drive");

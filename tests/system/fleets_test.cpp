@@ -160,7 +160,9 @@ TEST(Fleets, AMissingSensorLogIsToldWithTheLineThatNamesIt) {
   fs::remove(scratch / "one/sensors.csv");
   const Outcome outcome = run_convoy("vehicle " + config.string());
   EXPECT_EQ(outcome.status, 2);
-  EXPECT_NE(outcome.output.find(config.string() + ":5: there is no sensor log "), std::string::npos) << outcome.output;
+  EXPECT_NE(outcome.output.find(config.string() + ":5: " + (scratch / "one/sensors.csv").string() + ": no such file"),
+            std::string::npos)
+      << outcome.output;
 }
 
 TEST(Fleets, ADemoIntoWhichAnotherFleetBreaksSaysSoAndFails) {
