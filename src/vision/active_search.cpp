@@ -45,6 +45,11 @@ struct ActiveSearch::Ellipse {
     const Eigen::Vector2d d = Eigen::Vector2d(x, y) - middle;
     return d.dot(information * d) <= gate_;
   }
+  /// A template fits into the image wherever it is compared.
+  bool is_within(const cv::Mat& image) const {
+    const Eigen::Array2d margin = reach.array() + (PatchTemplate::half + 1), size(image.cols - 1, image.rows - 1);
+    return (middle.array() >= margin).all() && (middle.array() <= size - margin).all();
+  }
   Eigen::Vector2d middle;
   Eigen::Matrix2d covariance, information;
   Eigen::Vector2d reach;  // half the sides of the box around it
@@ -121,11 +126,14 @@ SearchResult ActiveSearch::search(const ImagePyramid& image, const ReferencePatc
   while (level + 1 < ImagePyramid::levels && radius_px > params_.coarse_above_px * (1 << level)) ++level;
 
   const Eigen::Matrix2d ref_from_now = prediction.now_from_ref.inverse();
-  PatchTemplate wanted;
+  PatchTemplate at_full_size, wanted;
   // What decides whether there is enough to see is the template at full size; on smaller ones the grey values even out.
-  if (const Status status = make(patch, ref_from_now, wanted); status != Status::found) return {status};
-  if (level > 0 && !wanted.warp(patch, ref_from_now * (1 << level), Eigen::Vector2d::Zero()))
-    return {Status::beyond_patch};
+  if (const Status status = make(patch, ref_from_now, at_full_size); status != Status::found) return {status};
+  // Near an edge smaller images end too soon, here or where the patch was taken.
+  while (level > 0 && !(Ellipse(prediction, gate_, level).is_within(image.level(level)) &&
+                        wanted.warp(patch, ref_from_now * (1 << level), Eigen::Vector2d::Zero())))
+    --level;
+  if (level == 0) wanted = at_full_size;
   const Status status = find_peaks(image.level(level), wanted, Ellipse(prediction, gate_, level));
   if (status != Status::found) return {status};
   for (; level > 0; --level) descend(image.level(level - 1), patch, ref_from_now, level - 1);

@@ -26,16 +26,21 @@ struct Sums {
 
 constexpr std::array<std::int16_t, stride> within = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
 
-// Rows of 16, of which 11 count: the compiler makes of each sum two vector products. All fit into 32 bits.
+int dot(const std::int16_t* a, const std::int16_t* b) {
+  int sum = 0;
+  for (int i = 0; i < stride; ++i) sum += a[i] * b[i];
+  return sum;
+}
+
+// Rows of 16, of which 11 count: the compiler makes two vector products of each. All sums fit into 32 bits.
 Sums sums_of(const std::int16_t* grey, int grey_stride, const std::int16_t* wanted) {
   Sums sums;
   for (int row = 0; row < side; ++row, grey += grey_stride, wanted += stride) {
-    for (std::size_t i = 0; i < stride; ++i) {
-      const auto masked = static_cast<std::int16_t>(grey[i] * within[i]);
-      sums.grey += masked;
-      sums.squares += masked * masked;
-      sums.products += grey[i] * wanted[i];
-    }
+    std::int16_t here[stride];
+    for (std::size_t i = 0; i < stride; ++i) here[i] = static_cast<std::int16_t>(grey[i] * within[i]);
+    sums.grey += dot(here, within.data());
+    sums.squares += dot(here, here);
+    sums.products += dot(here, wanted);
   }
   return sums;
 }
