@@ -12,6 +12,7 @@ namespace {
 
 constexpr std::size_t longest_file = 1 << 20;  // [byte]
 constexpr std::size_t most_numbers = 64;       // of a list
+constexpr int deepest = 8;                     // maps within maps
 
 std::string at(const std::string& name, const YAML::Mark& mark) {
   return mark.line < 0 ? name : name + ":" + std::to_string(mark.line + 1);
@@ -31,16 +32,17 @@ YamlFile::YamlFile(const std::filesystem::path& path, const std::string& kind) :
     throw ConfigError(at(name_, fault.mark) + ": no YAML: " + fault.msg + "; give " + kind);
   }
   if (!root_.IsMap()) throw ConfigError(name_ + ": has no keys; give " + kind);
-  refuse_repeated_keys(root_);
+  refuse_repeated_keys(root_, 0);
 }
 
-void YamlFile::refuse_repeated_keys(const YAML::Node& map) const {
+void YamlFile::refuse_repeated_keys(const YAML::Node& map, int depth) const {
+  if (depth > deepest) refuse(map, "nested too deeply");  // or a part of itself
   std::set<std::string> seen;
   for (const auto& entry : map) {
     if (!entry.first.IsScalar()) refuse(entry.first, "a key must be a word");
     if (!seen.insert(entry.first.Scalar()).second)
       refuse(entry.first, "key " + TextFields::quoted(entry.first.Scalar()) + " is there twice; remove one");
-    if (entry.second.IsMap()) refuse_repeated_keys(entry.second);
+    if (entry.second.IsMap()) refuse_repeated_keys(entry.second, depth + 1);
   }
 }
 

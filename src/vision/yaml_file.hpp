@@ -31,7 +31,7 @@ class YamlFile {
   const std::string& name() const { return name_; }
 
  private:
-  void refuse_repeated_keys(const YAML::Node& map) const;
+  void refuse_repeated_keys(const YAML::Node& map, int depth) const;
   void append(const YAML::Node& list, const std::string& what, std::vector<double>& values) const;
 
   std::string name_;
