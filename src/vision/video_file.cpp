@@ -55,12 +55,18 @@ class VideoFile final : public ImageSource {
     }
   }
 
-  bool read_into(GreyImage& image, const std::filesystem::path& file) {
-    try {
-      if (!video_.open(file.string())) return false;
-    } catch (const cv::Exception&) {
-      return false;
+  bool open(const std::string& file) {
+    for (const int decoder : {cv::CAP_FFMPEG, cv::CAP_OPENCV_MJPEG}) {  // others take files for other things, too
+      try {
+        if (video_.open(file, decoder)) return true;
+      } catch (const cv::Exception&) {  // the next one
+      }
     }
+    return false;
+  }
+
+  bool read_into(GreyImage& image, const std::filesystem::path& file) {
+    if (!open(file.string())) return false;
     cv::Mat picture;
     if (!read(picture)) return false;
     image = to_grey(picture.clone());
