@@ -64,15 +64,20 @@ CornerDetector::Part CornerDetector::part_of(int cell) const {
           std::min(height_ - margin, (row + 1) * height_ / params_.rows)};
 }
 
-/// Adds the products of the gradients of a row (or takes them away again) to the sums of their columns.
-void CornerDetector::add_row(const cv::Mat& image, int y, int x0, int width, float sign) {
+/// Moves the sums of columns down to the window that ends with row y: what was a window before leaves them.
+void CornerDetector::advance(const cv::Mat& image, int y, int x0, int width) {
   const std::uint8_t *above = image.ptr(y - 1) + x0, *here = image.ptr(y) + x0, *below = image.ptr(y + 1) + x0;
   float *xx = xx_.data(), *xy = xy_.data(), *yy = yy_.data();
+  float* old_xx = products_.data() + static_cast<std::ptrdiff_t>(y % window) * 3 * width;
+  float *old_xy = old_xx + width, *old_yy = old_xy + width;
   for (int x = 0; x < width; ++x) {
     const auto gx = static_cast<float>(here[x + 1] - here[x - 1]), gy = static_cast<float>(below[x] - above[x]);
-    xx[x] += sign * (gx * gx);
-    xy[x] += sign * (gx * gy);
-    yy[x] += sign * (gy * gy);
+    xx[x] += gx * gx - old_xx[x];
+    old_xx[x] = gx * gx;
+    xy[x] += gx * gy - old_xy[x];
+    old_xy[x] = gx * gy;
+    yy[x] += gy * gy - old_yy[x];
+    old_yy[x] = gy * gy;
   }
 }
 
@@ -81,26 +86,23 @@ void CornerDetector::strengths(const cv::Mat& image, const Part& part) {
   const int x0 = part.x0 - 1 - reach, y0 = part.y0 - 1;
   stride_ = width;
   strength_.resize(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
+  products_.assign(static_cast<std::size_t>(3 * window * columns), 0.0F);
   for (auto* sums : {&xx_, &xy_, &yy_}) sums->assign(static_cast<std::size_t>(columns), 0.0F);
-  std::vector<float>& a = row_xx_;
-  std::vector<float>& b = row_xy_;
-  std::vector<float>& c = row_yy_;
-  for (auto* row : {&a, &b, &c}) row->resize(static_cast<std::size_t>(width));
-  for (int y = y0 - reach; y < y0 + reach; ++y) add_row(image, y, x0, columns, 1.0F);
+  for (auto* row : {&row_xx_, &row_xy_, &row_yy_}) row->resize(static_cast<std::size_t>(width));
+  for (int y = y0 - reach; y < y0 + reach; ++y) advance(image, y, x0, columns);
   // Gradients are over two pixels, so their squares four times too large; the smaller eigenvalue is half of what follows.
   constexpr float scale = 1.0F / (2.0F * 4.0F * window * window);
   for (int row = 0; row < height; ++row) {
-    add_row(image, y0 + row + reach, x0, columns, 1.0F);
-    sums_along_row(xx_, width, a.data());
-    sums_along_row(xy_, width, b.data());
-    sums_along_row(yy_, width, c.data());
+    advance(image, y0 + row + reach, x0, columns);
+    sums_along_row(xx_, width, row_xx_.data());
+    sums_along_row(xy_, width, row_xy_.data());
+    sums_along_row(yy_, width, row_yy_.data());
     float* out = strength_.data() + static_cast<std::ptrdiff_t>(row) * stride_;
-    const float *pa = a.data(), *pb = b.data(), *pc = c.data();
+    const float *xx = row_xx_.data(), *xy = row_xy_.data(), *yy = row_yy_.data();
     for (int x = 0; x < width; ++x) {
-      const float difference = pa[x] - pc[x];
-      out[x] = scale * (pa[x] + pc[x] - std::sqrt(difference * difference + 4.0F * (pb[x] * pb[x])));
+      const float difference = xx[x] - yy[x];
+      out[x] = scale * (xx[x] + yy[x] - std::sqrt(difference * difference + 4.0F * (xy[x] * xy[x])));
     }
-    add_row(image, y0 + row - reach, x0, columns, -1.0F);
   }
 }
 

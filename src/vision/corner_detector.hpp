@@ -50,7 +50,7 @@ class CornerDetector {
   };
   Part part_of(int cell) const;
   void strengths(const cv::Mat& image, const Part& part);
-  void add_row(const cv::Mat& image, int y, int x0, int width, float sign);
+  void advance(const cv::Mat& image, int y, int x0, int width);
   bool is_peak(int column, int row) const;
   bool best_of(const Part& part, const std::vector<Eigen::Vector2d>& taken, Corner& corner) const;
 
@@ -59,8 +59,9 @@ class CornerDetector {
   // Of a part and one pixel around it, by rows.
   int stride_ = 0;
   std::vector<float> strength_;
-  std::vector<float> xx_, xy_, yy_;              // of each column, over the height of the window
-  std::vector<float> row_xx_, row_xy_, row_yy_;  // over the window
+  std::vector<float> products_;                  // of gradients: xx, xy, yy of the last rows, a window high
+  std::vector<float> xx_, xy_, yy_;              // their sums, of each column
+  std::vector<float> row_xx_, row_xy_, row_yy_;  // and over the window
 };
 
 }  // namespace convoy

@@ -5,6 +5,7 @@
 #include <convoy/vision/patch_descriptor.hpp>
 #include <convoy/vision/patch_warp.hpp>
 
+#include <Eigen/Geometry>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/imgproc.hpp>
 
