@@ -196,8 +196,7 @@ bool ActiveSearch::climb(const cv::Mat& image, const PatchTemplate& wanted, Cand
 
 void ActiveSearch::refine_all(const cv::Mat& image, const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now) {
   std::erase_if(candidates_, [&](Candidate& candidate) {
-    return candidate.score < params_.min_score - loss_between_pixels ||
-           !refine(image, patch, ref_from_now, candidate);
+    return candidate.score < params_.min_score - loss_between_pixels || !refine(image, patch, ref_from_now, candidate);
   });
   std::stable_sort(candidates_.begin(), candidates_.end(),
                    [](const Candidate& a, const Candidate& b) { return a.score > b.score; });

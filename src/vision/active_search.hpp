@@ -1,5 +1,5 @@
-// Active search: a feature is looked for where the filter says it can be, by the patch it was first seen with, warped to
-// what it should look like now (A. J. Davison, Real-time simultaneous localisation and mapping with a single camera,
+// Active search: a feature is looked for where the filter says it can be, by the patch it was first seen with, warped
+// to what it should look like now (A. J. Davison, Real-time simultaneous localisation and mapping with a single camera,
 // ICCV 2003; J. Civera et al., 1-point RANSAC for EKF filtering, 2010).
 #pragma once
 
@@ -11,22 +11,22 @@
 namespace convoy {
 
 struct ActiveSearchParams {
-  double min_score = 0.8;             ///< zero-mean normalised cross-correlation of a match, (0, 1)
-  double gate_probability = 0.99;     ///< share of true places within the ellipse, (0, 1)
-  double coarse_above_px = 10.0;      ///< longest semi-axis from which the search begins on a smaller image, >= 1
-  double max_radius_px = 80.0;        ///< longest semi-axis that is searched, >= 1
-  double min_contrast = 4.0;          ///< standard deviation of the template's grey values (of 0..255), > 0
-  double min_contrast_there = 1.5;    ///< of what it is compared with, > 0
-  double max_saturated = 0.4;         ///< share of the template that is black or white, [0, 1]
+  double min_score = 0.8;           ///< zero-mean normalised cross-correlation of a match, (0, 1)
+  double gate_probability = 0.99;   ///< share of true places within the ellipse, (0, 1)
+  double coarse_above_px = 10.0;    ///< longest semi-axis from which the search begins on a smaller image, >= 1
+  double max_radius_px = 80.0;      ///< longest semi-axis that is searched, >= 1
+  double min_contrast = 4.0;        ///< standard deviation of the template's grey values (of 0..255), > 0
+  double min_contrast_there = 1.5;  ///< of what it is compared with, > 0
+  double max_saturated = 0.4;       ///< share of the template that is black or white, [0, 1]
 };
 
 /// Throws RangeError.
 void validate(const ActiveSearchParams& params);
 
 struct FeaturePrediction {
-  Eigen::Vector2d pixel;          ///< where the feature should be
-  Eigen::Matrix2d covariance;     ///< of the innovation, measurement noise included [px^2]
-  Eigen::Matrix2d now_from_ref;   ///< see PatchWarp
+  Eigen::Vector2d pixel;         ///< where the feature should be
+  Eigen::Matrix2d covariance;    ///< of the innovation, measurement noise included [px^2]
+  Eigen::Matrix2d now_from_ref;  ///< see PatchWarp
 };
 
 struct SearchResult {
@@ -74,7 +74,8 @@ class ActiveSearch {
   struct Ellipse;
 
   SearchResult search(const ImagePyramid& image, const ReferencePatch& patch, const FeaturePrediction& prediction);
-  SearchResult::Status make(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now, PatchTemplate& made) const;
+  SearchResult::Status make(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now,
+                            PatchTemplate& made) const;
   SearchResult::Status find_peaks(const cv::Mat& image, const PatchTemplate& wanted, const Ellipse& ellipse);
   void add_candidate(const Candidate& candidate);
   void descend(const cv::Mat& image, const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now, int level);

@@ -35,12 +35,14 @@ void set_coefficients(const YamlFile& file, const YAML::Node& node, const std::s
   const std::size_t most = radial ? 5 : 4;
   const bool whole = values.empty() || values.size() >= 4;
   if (!whole)
-    file.refuse(node, name + " has " + std::to_string(values.size()) + " numbers; " +
-                          (radial ? "plumb_bob (radtan) has k1, k2, p1, p2 and perhaps k3" : "equidistant has k1 to k4"));
+    file.refuse(node,
+                name + " has " + std::to_string(values.size()) + " numbers; " +
+                    (radial ? "plumb_bob (radtan) has k1, k2, p1, p2 and perhaps k3" : "equidistant has k1 to k4"));
   for (std::size_t i = most; i < values.size(); ++i)
     if (values[i] != 0.0)
-      file.refuse(node, name + " has " + std::to_string(values.size()) + " numbers, the model " + std::to_string(most) +
-                            "; calibrate with plumb_bob (radtan) or equidistant, without a rational or thin prism model");
+      file.refuse(node,
+                  name + " has " + std::to_string(values.size()) + " numbers, the model " + std::to_string(most) +
+                      "; calibrate with plumb_bob (radtan) or equidistant, without a rational or thin prism model");
   for (std::size_t i = 0; i < std::min(most, values.size()); ++i)
     c.coefficients[static_cast<Eigen::Index>(i)] = values[i];
 }
@@ -53,7 +55,8 @@ SE3 pose_of(const YamlFile& file, const YAML::Node& node, const std::string& nam
     file.refuse(node, name + " is no transformation: its last row must be 0 0 0 1");
   constexpr double tolerance = 1e-3;  // files have six digits or fewer
   if ((R * R.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() > tolerance || R.determinant() < 0.0)
-    file.refuse(node, name + " is no transformation: its upper left 3 x 3 must be a rotation (orthonormal, determinant 1)");
+    file.refuse(node,
+                name + " is no transformation: its upper left 3 x 3 must be a rotation (orthonormal, determinant 1)");
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(R, Eigen::ComputeFullU | Eigen::ComputeFullV);
   return SE3::from_rotation(svd.matrixU() * svd.matrixV().transpose(), T.topRightCorner<3, 1>());
 }
@@ -69,8 +72,7 @@ CameraFile from_camera_matrix(const YamlFile& file) {
   if (K[1] != 0.0 || K[3] != 0.0 || K[6] != 0.0 || K[7] != 0.0 || K[8] != 1.0)
     file.refuse(matrix, "camera_matrix must be [fx 0 cx; 0 fy cy; 0 0 1]; calibrate without skew");
   c.fx = K[0], c.cx = K[2], c.fy = K[4], c.cy = K[5];
-  if (has(root, "distortion_model"))
-    c.distortion = distortion_named(file, root["distortion_model"]);
+  if (has(root, "distortion_model")) c.distortion = distortion_named(file, root["distortion_model"]);
   else if (has(root, "fisheye_model") && file.whole_number(root["fisheye_model"], "fisheye_model") != 0)
     c.distortion = Distortion::equidistant;
   set_coefficients(file, file.required(root, "distortion_coefficients", "those of the lens (zeros, if there are none)"),
@@ -133,8 +135,9 @@ CameraFile by_keys(const YamlFile& file, const std::string& camera) {
   if (has(root, "camera_matrix")) return from_camera_matrix(file);
   if (has(root, "intrinsics")) return from_intrinsics(file, root);
   if (has(root, camera.c_str()) || has(root, "cam0")) return from_kalibr(file, camera);
-  file.refuse(root, std::string("no calibration of a camera: there is none of the keys camera_matrix (OpenCV, ROS), '") +
-                        camera + "' (Kalibr) and intrinsics; give " + kind);
+  file.refuse(root,
+              std::string("no calibration of a camera: there is none of the keys camera_matrix (OpenCV, ROS), '") +
+                  camera + "' (Kalibr) and intrinsics; give " + kind);
 }
 
 }  // namespace

@@ -21,7 +21,8 @@ struct CameraFile {
   std::optional<SE3> T_body_camera;
 };
 
-/// `camera`: which of the cameras of a Kalibr file. Throws ConfigError with file:line, what is wrong and how to mend it.
+/// `camera`: which of the cameras of a Kalibr file. Throws ConfigError with file:line, what is wrong and how to mend
+/// it.
 CameraFile load_calibration(const std::filesystem::path& path, const std::string& camera = "cam0");
 
 /// Throws ConfigError if images of that size [px] are not what was calibrated. `source`: where they come from, for the

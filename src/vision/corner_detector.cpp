@@ -17,8 +17,7 @@ void check(bool holds, const char* name, double value, const char* range) {
 /// Of seven neighbours each. Sums of whole numbers that a float holds: exact, in whatever order.
 void sums_along_row(const std::vector<float>& columns, int count, float* sums) {
   const float* c = columns.data();
-  for (int x = 0; x < count; ++x)
-    sums[x] = c[x] + c[x + 1] + c[x + 2] + c[x + 3] + c[x + 4] + c[x + 5] + c[x + 6];
+  for (int x = 0; x < count; ++x) sums[x] = c[x] + c[x + 1] + c[x + 2] + c[x + 3] + c[x + 4] + c[x + 5] + c[x + 6];
 }
 
 /// Where a parabola through three values is highest, within half a step of the middle one.
@@ -90,7 +89,8 @@ void CornerDetector::strengths(const cv::Mat& image, const Part& part) {
   for (auto* sums : {&xx_, &xy_, &yy_}) sums->assign(static_cast<std::size_t>(columns), 0.0F);
   for (auto* row : {&row_xx_, &row_xy_, &row_yy_}) row->resize(static_cast<std::size_t>(width));
   for (int y = y0 - reach; y < y0 + reach; ++y) advance(image, y, x0, columns);
-  // Gradients are over two pixels, so their squares four times too large; the smaller eigenvalue is half of what follows.
+  // Gradients are over two pixels, so their squares four times too large; the smaller eigenvalue is half of what
+  // follows.
   constexpr float scale = 1.0F / (2.0F * 4.0F * window * window);
   for (int row = 0; row < height; ++row) {
     advance(image, y0 + row + reach, x0, columns);

@@ -1,5 +1,5 @@
-// Corners to follow: the best one of a cell, in the cells that have too few features (J. Shi and C. Tomasi, Good features
-// to track, CVPR 1994).
+// Corners to follow: the best one of a cell, in the cells that have too few features (J. Shi and C. Tomasi, Good
+// features to track, CVPR 1994).
 #pragma once
 
 #include <convoy/vision/image_pyramid.hpp>
@@ -10,9 +10,9 @@
 namespace convoy {
 
 struct CornerParams {
-  int columns = 10, rows = 8;       ///< of the grid, each 1..64; cells at least 16 px wide and high
-  double margin_px = 20.0;          ///< from the edge of the image, >= 5
-  double min_distance_px = 15.0;    ///< from features that are there, and from each other, >= 0
+  int columns = 10, rows = 8;     ///< of the grid, each 1..64; cells at least 16 px wide and high
+  double margin_px = 20.0;        ///< from the edge of the image, >= 5
+  double min_distance_px = 15.0;  ///< from features that are there, and from each other, >= 0
   /// Of the smaller eigenvalue of the mean gradient matrix over 7 x 7 px [(grey values / px)^2], > 0. Noise of 2 grey
   /// values has about 1.
   double min_strength = 12.0;

@@ -47,7 +47,8 @@ Sums sums_of(const std::int16_t* grey, int grey_stride, const std::int16_t* want
 
 }  // namespace
 
-bool PatchTemplate::warp(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now, const Eigen::Vector2d& phase) {
+bool PatchTemplate::warp(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now,
+                         const Eigen::Vector2d& phase) {
   const int level = level_for(ref_from_now);
   const Eigen::Matrix2d step = ref_from_now / (1 << level);
   std::int64_t total = 0, squares = 0;

@@ -17,8 +17,8 @@ struct PatchTemplate {
   double scatter = 0.0;  ///< pixels * (sum of squares) - sum^2; 0: no contrast
 
   /// Of the pixels around a feature, warped: `ref_from_now` takes offsets of the template into offsets of the image the
-  /// patch was taken from [px of the image / px of the template]. The feature comes to lie `phase` [px] beside the middle
-  /// pixel. False if the patch ends before it.
+  /// patch was taken from [px of the image / px of the template]. The feature comes to lie `phase` [px] beside the
+  /// middle pixel. False if the patch ends before it.
   bool warp(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now, const Eigen::Vector2d& phase);
   double contrast() const;         ///< standard deviation [grey values of 0..255]
   double saturated_share() const;  ///< of pixels that are black or white
@@ -30,8 +30,8 @@ class CorrelationWindow {
   /// `min_contrast`: standard deviation of grey values [0..255] below which a place is like nothing. > 0
   explicit CorrelationWindow(double min_contrast) : min_contrast_(min_contrast) {}
 
-  /// Takes in all places [px] of `image` (CV_8UC1) within these bounds and at least half a template from its edges. False:
-  /// there are none.
+  /// Takes in all places [px] of `image` (CV_8UC1) within these bounds and at least half a template from its edges.
+  /// False: there are none.
   bool load(const cv::Mat& image, const Eigen::Vector2d& low, const Eigen::Vector2d& high);
   /// Before another template is compared with the same part.
   void forget_scores();

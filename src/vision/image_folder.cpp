@@ -42,7 +42,8 @@ bool by_name(const fs::path& a, const fs::path& b) {
 
 std::vector<fs::path> pictures_in(const fs::path& folder) {
   std::error_code error;
-  if (!fs::is_directory(folder, error)) throw ConfigError(folder.string() + ": is no folder; give one with pictures in it");
+  if (!fs::is_directory(folder, error))
+    throw ConfigError(folder.string() + ": is no folder; give one with pictures in it");
   std::vector<fs::path> files;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder, error))
     if (entry.is_regular_file(error) && is_picture(entry.path())) files.push_back(entry.path());

@@ -32,8 +32,8 @@ class ImagePyramid {
 
   int width() const { return width_; }
   int height() const { return height_; }
-  /// Level 0 is the image. A pixel of level k is the mean of 2^k x 2^k of its pixels; what is left over at the right and
-  /// at the bottom is in none. CV_8UC1.
+  /// Level 0 is the image. A pixel of level k is the mean of 2^k x 2^k of its pixels; what is left over at the right
+  /// and at the bottom is in none. CV_8UC1.
   const cv::Mat& level(int k) const { return levels_[static_cast<std::size_t>(k)]; }
 
   /// Where a pixel of the image (middles at whole numbers) is on level k, and back.

@@ -42,9 +42,9 @@ class ImageSource {
 /// When images were taken. By `times` if it is given, else by `rate_hz`, the first one at 0 s.
 struct ImageTimes {
   double rate_hz = 0.0;  ///< (0, 10000]; 0: not told, which a video file may do without
-  /// A text file with a line per image: its stamp [s] (or date and time of day, as KITTI's raw data has it), and perhaps
-  /// its name in the folder; or a CSV file whose header has a column stamp_s (frames.csv of `convoy sim --record`). Lines
-  /// that begin with # say nothing. Stamps must grow.
+  /// A text file with a line per image: its stamp [s] (or date and time of day, as KITTI's raw data has it), and
+  /// perhaps its name in the folder; or a CSV file whose header has a column stamp_s (frames.csv of `convoy sim
+  /// --record`). Lines that begin with # say nothing. Stamps must grow.
   std::filesystem::path times;
 };
 

@@ -67,8 +67,8 @@ KittiSequence open_kitti(const fs::path& folder, int camera) {
   if (camera < 0 || camera > 3) throw RangeError("KITTI", "camera", camera, "lie in 0..3");
   if (fs::is_directory(folder / ("image_" + std::to_string(camera)))) return open_odometry(folder, camera);
   if (fs::is_directory(folder / ("image_0" + std::to_string(camera)) / "data")) return open_raw(folder, camera);
-  throw ConfigError(folder.string() + ": is no drive of KITTI; give a folder that holds image_" + std::to_string(camera) +
-                    " (odometry) or image_0" + std::to_string(camera) + "/data (raw)");
+  throw ConfigError(folder.string() + ": is no drive of KITTI; give a folder that holds image_" +
+                    std::to_string(camera) + " (odometry) or image_0" + std::to_string(camera) + "/data (raw)");
 }
 
 }  // namespace convoy

@@ -11,9 +11,9 @@ namespace {
 using Status = DescriptorResult::Status;
 
 constexpr int side = 8;
-constexpr double blur = 0.6;             // standard deviation, in pieces of the footprint
-constexpr double cut = 2.0 * blur;       // where the Gaussian ends
-constexpr double min_contrast = 3.0;     // standard deviation [grey values]
+constexpr double blur = 0.6;          // standard deviation, in pieces of the footprint
+constexpr double cut = 2.0 * blur;    // where the Gaussian ends
+constexpr double min_contrast = 3.0;  // standard deviation [grey values]
 constexpr double steps_per_sigma = 1.0 / 0.35;
 
 /// Weights of the pixels along one axis for the piece whose middle is there: they add up to 1.
@@ -79,7 +79,8 @@ Descriptor quantised(const Grey& grey, double middle, double sigma) {
 DescriptorResult describe(const ImagePyramid& image, const Eigen::Vector2d& pixel, double depth_m, double focal_px) {
   constexpr double least_px = 6.0, most_px = 128.0;
   const double footprint_px = descriptor_footprint_m * focal_px / depth_m;
-  const bool usable = image.valid() && pixel.allFinite() && depth_m > 0.0 && focal_px > 0.0 && std::isfinite(footprint_px);
+  const bool usable =
+      image.valid() && pixel.allFinite() && depth_m > 0.0 && focal_px > 0.0 && std::isfinite(footprint_px);
   if (!usable) return {Status::bad_input, {}};
   if (footprint_px < least_px) return {Status::too_small, {}};
   if (footprint_px > most_px) return {Status::too_large, {}};

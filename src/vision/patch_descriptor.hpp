@@ -22,9 +22,9 @@ struct DescriptorResult {
   Descriptor descriptor;  ///< of kind none unless made
 };
 
-/// 8 x 8 grey values, each a Gaussian mean about the middle of its piece of the footprint (standard deviation 0.6 of the
-/// piece's side), less their mean and over their standard deviation, in 16 steps of 0.35 standard deviations. `depth_m`:
-/// of the landmark along the camera's axis; `focal_px`: pixels of a metre at a depth of a metre, there.
+/// 8 x 8 grey values, each a Gaussian mean about the middle of its piece of the footprint (standard deviation 0.6 of
+/// the piece's side), less their mean and over their standard deviation, in 16 steps of 0.35 standard deviations.
+/// `depth_m`: of the landmark along the camera's axis; `focal_px`: pixels of a metre at a depth of a metre, there.
 DescriptorResult describe(const ImagePyramid& image, const Eigen::Vector2d& pixel, double depth_m, double focal_px);
 
 }  // namespace convoy

@@ -19,8 +19,8 @@ Basis tangents(const Eigen::Vector3d& n) {
 
 }  // namespace
 
-// All lengths are in units of the distance, so that a point may be infinitely far: X = ray + T a are points of the plane,
-// R X + t / distance the same points now. Then d now / d ref = (J_now R T) (J_ref T)^-1.
+// All lengths are in units of the distance, so that a point may be infinitely far: X = ray + T a are points of the
+// plane, R X + t / distance the same points now. Then d now / d ref = (J_now R T) (J_ref T)^-1.
 std::optional<PatchWarp> warp_of_plane(const CameraModel& camera, const Eigen::Vector2d& pixel_ref,
                                        double inverse_distance, const SE3& T_now_ref, PatchPlane plane) {
   constexpr double min_cosine = 0.14;

@@ -18,8 +18,8 @@ class ReferencePatch {
   /// Nothing if the image is not valid, or the pixel not finite or nearer to an edge than that.
   static std::optional<ReferencePatch> take(const ImagePyramid& image, const Eigen::Vector2d& pixel);
 
-  /// Grey value at `offset` pixels of the level from the feature, between pixels bilinear; nothing if the window, or the
-  /// image, ends before it.
+  /// Grey value at `offset` pixels of the level from the feature, between pixels bilinear; nothing if the window, or
+  /// the image, ends before it.
   std::optional<float> grey(int level, const Eigen::Vector2d& offset) const {
     const Window& w = windows_[static_cast<std::size_t>(level)];
     const double x = w.middle.x() + offset.x(), y = w.middle.y() + offset.y();
@@ -35,8 +35,8 @@ class ReferencePatch {
 
  private:
   struct Window {
-    Eigen::Vector2d middle;                      // the feature, in pixels of the window
-    int x0 = 0, y0 = 0, x1 = 0, y1 = 0;          // its part that lies in the image: [x0, x1] x [y0, y1]
+    Eigen::Vector2d middle;              // the feature, in pixels of the window
+    int x0 = 0, y0 = 0, x1 = 0, y1 = 0;  // its part that lies in the image: [x0, x1] x [y0, y1]
     std::array<std::uint8_t, size_px * size_px> grey{};
   };
   static Window window(const cv::Mat& image, const Eigen::Vector2d& at);

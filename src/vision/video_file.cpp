@@ -18,7 +18,8 @@ class VideoFile final : public ImageSource {
     std::error_code error;
     // OpenCV would take other names for a pattern of pictures, a camera or an address.
     if (!std::filesystem::is_regular_file(file, error)) throw ConfigError(name_ + ": is no file; give a video");
-    if (!read_into(first_, file)) throw ConfigError(name_ + ": is no video that can be decoded; convert it, e.g. to MJPEG");
+    if (!read_into(first_, file))
+      throw ConfigError(name_ + ": is no video that can be decoded; convert it, e.g. to MJPEG");
     if (first_.grey.empty()) throw ConfigError(name_ + ": its first picture " + first_.why);
     width_ = first_.grey.cols;
     height_ = first_.grey.rows;

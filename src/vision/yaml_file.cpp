@@ -98,10 +98,8 @@ std::vector<double> YamlFile::numbers(const YAML::Node& node, const std::string&
   }
   if (!node.IsSequence()) refuse(node, what + " must be a list of numbers");
   for (const auto& entry : node) {
-    if (entry.IsSequence())
-      append(entry, what, values);
-    else
-      values.push_back(number(entry, what));
+    if (entry.IsSequence()) append(entry, what, values);
+    else values.push_back(number(entry, what));
     if (values.size() > most_numbers) refuse(entry, what + " has too many numbers");
   }
   return values;

@@ -1,5 +1,6 @@
-// What the front end does with an image of 640 x 480, on one thread: finding corners, looking for features, warping their
-// patches, describing them. Baselines: OpenCV's corners of the whole image, and its matchTemplate on the same windows.
+// What the front end does with an image of 640 x 480, on one thread: finding corners, looking for features, warping
+// their patches, describing them. Baselines: OpenCV's corners of the whole image, and its matchTemplate on the same
+// windows.
 #include <convoy/vision/active_search.hpp>
 #include <convoy/vision/corner_detector.hpp>
 #include <convoy/vision/patch_descriptor.hpp>
@@ -86,7 +87,8 @@ void BM_pyramid(benchmark::State& state) {
 }
 BENCHMARK(BM_pyramid)->Unit(benchmark::kMillisecond);
 
-/// Argument: radius of the gate [px]. 60 features, each in another frame that is noisier, 3 px from where it is expected.
+/// Argument: radius of the gate [px]. 60 features, each in another frame that is noisier, 3 px from where it is
+/// expected.
 void BM_search(benchmark::State& state) {
   const cv::Mat image = scene();
   cv::Mat noise(height, width, CV_8UC1), next;
@@ -163,7 +165,8 @@ void BM_describe(benchmark::State& state) {
   const cv::Mat image = scene();
   const ImagePyramid pyramid = pyramid_of(image);
   const Eigen::Vector2d pixel(320.3, 240.6);
-  if (describe(pyramid, pixel, 10.0, 400.0).status != DescriptorResult::Status::made) state.SkipWithError("none is made");
+  if (describe(pyramid, pixel, 10.0, 400.0).status != DescriptorResult::Status::made)
+    state.SkipWithError("none is made");
   bench::against(
       state, "cv::GaussianBlur and cv::resize of the same piece",
       [&] { benchmark::DoNotOptimize(describe(pyramid, pixel, 10.0, 400.0)); },

@@ -74,7 +74,8 @@ struct Tally {
 
 /// Every corner of the reference is looked for, from a prediction that is off by as much as `sigma_px` says.
 Tally look_for_all(const View& view, double sigma_px, const Eigen::Matrix2d& assumed, ActiveSearch& search) {
-  const ImagePyramid before = pyramid_of(test::exposed(reference_image(), 1.0, 1.0, 1.0, 3)), now = pyramid_of(seen(view));
+  const ImagePyramid before = pyramid_of(test::exposed(reference_image(), 1.0, 1.0, 1.0, 3)),
+                     now = pyramid_of(seen(view));
   cv::RNG random(5);
   Tally tally;
   for (const Corner& corner : corners_of(before)) {
@@ -84,8 +85,7 @@ Tally look_for_all(const View& view, double sigma_px, const Eigen::Matrix2d& ass
     if (!patch || search.judge(*patch) != Status::found) continue;
     Eigen::Vector2d error(random.gaussian(sigma_px), random.gaussian(sigma_px));
     error *= std::min(1.0, 2.5 * sigma_px / error.norm());
-    const SearchResult result =
-        search.find(now, *patch, {truth + error, sigma_px * sigma_px * identity, assumed});
+    const SearchResult result = search.find(now, *patch, {truth + error, sigma_px * sigma_px * identity, assumed});
     ++tally.tried;
     if (result.status != Status::found) continue;
     const double miss = (result.pixel - truth).norm();
@@ -94,9 +94,11 @@ Tally look_for_all(const View& view, double sigma_px, const Eigen::Matrix2d& ass
     tally.largest_error_px = std::max(tally.largest_error_px, miss);
     tally.squares += miss * miss;
   }
-  std::printf("scale %.2f turn %.0f gain %.1f gamma %.1f noise %.0f sigma %.0f px: %d of %d found, %d right, rms %.3f px, max %.3f px\n",
-              view.scale, view.turn_deg, view.gain, view.gamma, view.noise, sigma_px, tally.found, tally.tried, tally.right,
-              tally.rms_px(), tally.largest_error_px);
+  std::printf(
+      "scale %.2f turn %.0f gain %.1f gamma %.1f noise %.0f sigma %.0f px: %d of %d found, %d right, rms %.3f px, max "
+      "%.3f px\n",
+      view.scale, view.turn_deg, view.gain, view.gamma, view.noise, sigma_px, tally.found, tally.tried, tally.right,
+      tally.rms_px(), tally.largest_error_px);
   return tally;
 }
 
@@ -138,7 +140,8 @@ TEST(ActiveSearch, GivesTheSameToTheBit) {
   ActiveSearch fresh, used;
   const View view{1.1, 5.0};
   look_for_all({0.8, 0.0}, 8.0, now_from_ref({0.8, 0.0}), used);
-  const Tally a = look_for_all(view, 3.0, now_from_ref(view), fresh), b = look_for_all(view, 3.0, now_from_ref(view), used);
+  const Tally a = look_for_all(view, 3.0, now_from_ref(view), fresh),
+              b = look_for_all(view, 3.0, now_from_ref(view), used);
   EXPECT_EQ(a.squares, b.squares);
   EXPECT_EQ(a.found, b.found);
 }
@@ -221,8 +224,9 @@ TEST(ActiveSearch, FindsNothingInBlankBlackAndWhiteImages) {
 
 TEST(ActiveSearch, FindsNothingInAnotherScene) {
   OneFeature one;
-  const cv::Mat other = test::draw(test::random_texture(700, 500, 99), width, height,
-                                   [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p + Eigen::Vector2d(20, 10); });
+  const cv::Mat other =
+      test::draw(test::random_texture(700, 500, 99), width, height,
+                 [](const Eigen::Vector2d& p) -> Eigen::Vector2d { return p + Eigen::Vector2d(20, 10); });
   int found = 0, tried = 0;
   const ImagePyramid elsewhere = pyramid_of(other);
   for (const Corner& corner : corners_of(one.image)) {
@@ -251,7 +255,8 @@ TEST(ActiveSearch, AnImageOfAnotherSizeIsRefusedAndCounted) {
 
 TEST(ActiveSearch, TakesNoPatchAtTheEdge) {
   OneFeature one;
-  for (const Eigen::Vector2d& pixel : {Eigen::Vector2d(8.9, 100), {100, 8.9}, {width - 9.5, 100}, {nan_value, 100}, {1e300, 0}})
+  for (const Eigen::Vector2d& pixel :
+       {Eigen::Vector2d(8.9, 100), {100, 8.9}, {width - 9.5, 100}, {nan_value, 100}, {1e300, 0}})
     EXPECT_FALSE(ReferencePatch::take(one.image, pixel));
   EXPECT_TRUE(ReferencePatch::take(one.image, {9.0, 9.0}));
 }

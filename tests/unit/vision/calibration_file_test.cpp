@@ -15,7 +15,9 @@ using Distortion = CameraCalibration::Distortion;
 
 class CalibrationFile : public testing::Test {
  protected:
-  CalibrationFile() : file_(testing::TempDir() + "convoy_" + testing::UnitTest::GetInstance()->current_test_info()->name() + ".yaml") {}
+  CalibrationFile()
+      : file_(testing::TempDir() + "convoy_" + testing::UnitTest::GetInstance()->current_test_info()->name() +
+              ".yaml") {}
   ~CalibrationFile() override { std::filesystem::remove(file_); }
 
   CameraFile load(const std::string& text, const std::string& camera = "cam0") {
@@ -103,8 +105,9 @@ TEST_F(CalibrationFile, OfRos) {
 }
 
 TEST_F(CalibrationFile, OfRosEquidistantOrWithoutDistortion) {
-  const std::string fisheye = replaced(replaced(ros, "plumb_bob", "equidistant"), "cols: 5\n  data: [-0.2, 0.05, 0.001, -0.002, 0.003]",
-                                       "cols: 4\n  data: [0.02, 0.01, 0.0, 0.0]");
+  const std::string fisheye =
+      replaced(replaced(ros, "plumb_bob", "equidistant"), "cols: 5\n  data: [-0.2, 0.05, 0.001, -0.002, 0.003]",
+               "cols: 4\n  data: [0.02, 0.01, 0.0, 0.0]");
   EXPECT_EQ(load(fisheye).calibration.distortion, Distortion::equidistant);
   const std::string none = replaced(ros, "cols: 5\n  data: [-0.2, 0.05, 0.001, -0.002, 0.003]", "cols: 0\n  data: []");
   EXPECT_TRUE(load(none).calibration.coefficients.isZero());
@@ -133,7 +136,8 @@ TEST_F(CalibrationFile, OfKalibr) {
   EXPECT_EQ(camera.calibration.coefficients[2], 0.003);
   ASSERT_TRUE(camera.T_body_camera);
   // A point 1 m ahead of the inertial sensor (its x) is 1 m ahead of the camera (its z), shifted.
-  EXPECT_LT((camera.T_body_camera->inverse() * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(0.1, 0.2, 1.3)).norm(), 1e-12);
+  EXPECT_LT((camera.T_body_camera->inverse() * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(0.1, 0.2, 1.3)).norm(),
+            1e-12);
 }
 
 TEST_F(CalibrationFile, OfKalibrsSecondCameraByWayOfTheFirst) {
@@ -141,7 +145,8 @@ TEST_F(CalibrationFile, OfKalibrsSecondCameraByWayOfTheFirst) {
   EXPECT_EQ(camera.calibration.distortion, Distortion::radial_tangential);
   EXPECT_EQ(camera.calibration.fx, 450.0);
   ASSERT_TRUE(camera.T_body_camera);
-  EXPECT_LT((camera.T_body_camera->inverse() * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(-0.4, 0.2, 1.3)).norm(), 1e-12);
+  EXPECT_LT((camera.T_body_camera->inverse() * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(-0.4, 0.2, 1.3)).norm(),
+            1e-12);
 }
 
 TEST_F(CalibrationFile, OfEuroc) {
@@ -168,10 +173,11 @@ TEST_F(CalibrationFile, SaysWhereItIsWrong) {
   expect_refusal(replaced(ros, "438.5", ".nan"), 7, "must be a finite number");
   expect_refusal(replaced(ros, "438.5, 0.0", "438.5, 0.1"), 5, "without skew");
   expect_refusal(replaced(ros, "438.5, 0.0", "438.5"), 7, "has 8 numbers, rows and cols say 3 x 3");
-  expect_refusal(replaced(ros, "plumb_bob", "rational_polynomial"), 8, "calibrate with plumb_bob (radtan) or equidistant");
+  expect_refusal(replaced(ros, "plumb_bob", "rational_polynomial"), 8,
+                 "calibrate with plumb_bob (radtan) or equidistant");
   expect_refusal(replaced(ros, "plumb_bob", "equidistant"), 10, "has 5 numbers, the model 4");
-  expect_refusal(replaced(ros, "cols: 5\n  data: [-0.2, 0.05, 0.001, -0.002, 0.003]", "cols: 2\n  data: [0.1, 0.1]"), 10,
-                 "k1, k2, p1, p2");
+  expect_refusal(replaced(ros, "cols: 5\n  data: [-0.2, 0.05, 0.001, -0.002, 0.003]", "cols: 2\n  data: [0.1, 0.1]"),
+                 10, "k1, k2, p1, p2");
   expect_refusal(ros + "image_width: 320\n", 17, "'image_width' is there twice");
   expect_refusal(replaced(ros, "distortion_coefficients", "distortion"), 1, "'distortion_coefficients' is missing");
   expect_refusal(replaced(kalibr, "camera_model: pinhole", "camera_model: omni"), 7, "pinhole-radtan or pinhole-equi");
@@ -184,7 +190,8 @@ TEST_F(CalibrationFile, SaysWhereItIsWrong) {
 }
 
 TEST_F(CalibrationFile, SaysThatItIsNone) {
-  expect_refusal("focal_length: 3\n", 1, "none of the keys camera_matrix (OpenCV, ROS), 'cam0' (Kalibr) and intrinsics");
+  expect_refusal("focal_length: 3\n", 1,
+                 "none of the keys camera_matrix (OpenCV, ROS), 'cam0' (Kalibr) and intrinsics");
   expect_refusal("a: [1, 2\nb: 3\n", 0, "no YAML");
   expect_refusal("", 0, "has no keys");
   expect_refusal("- 1\n- 2\n", 0, "has no keys");
@@ -210,7 +217,8 @@ TEST_F(CalibrationFile, ThatBelongsToOtherImagesIsRefused) {
     expect_image_size(c, 480, 640, "the folder images");
     FAIL();
   } catch (const ConfigError& error) {
-    EXPECT_THAT(error.what(), HasSubstr("the folder images: images are 480 x 640, the camera was calibrated with 640 x 480"));
+    EXPECT_THAT(error.what(),
+                HasSubstr("the folder images: images are 480 x 640, the camera was calibrated with 640 x 480"));
   }
 }
 

@@ -112,8 +112,8 @@ TEST(CornerDetector, CellsPartTheImage) {
     EXPECT_EQ(detector.cell_of({-0.6, 10.0}), -1);
     EXPECT_EQ(detector.cell_of({10.0, h - 0.4}), -1);
     EXPECT_EQ(detector.cell_of({std::numeric_limits<double>::quiet_NaN(), 1.0}), -1);
-    for (const Corner& corner : detector.detect(pyramid_of(textured()(cv::Rect(0, 0, std::min(w, 640), std::min(h, 370)))),
-                                                all_cells(detector), {}))
+    for (const Corner& corner : detector.detect(
+             pyramid_of(textured()(cv::Rect(0, 0, std::min(w, 640), std::min(h, 370)))), all_cells(detector), {}))
       EXPECT_EQ(corner.cell, detector.cell_of(corner.pixel));
   }
 }

@@ -158,7 +158,8 @@ TEST_F(ImageSourceTest, TimesThatCannotBeAreRefused) {
 TEST_F(ImageSourceTest, VideoFile) {
   const fs::path file = folder_ / "clip.avi";
   {
-    cv::VideoWriter writer(file.string(), cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25.0, {64, 48});
+    cv::VideoWriter writer(file.string(), cv::CAP_OPENCV_MJPEG, cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 25.0,
+                           {64, 48});
     ASSERT_TRUE(writer.isOpened());
     for (const int grey : {40, 120, 200}) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(grey)));
   }

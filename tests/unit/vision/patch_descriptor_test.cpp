@@ -76,9 +76,10 @@ Rates across(double scale, double told_m, double offset_px) {
     b.push_back(second.descriptor);
   }
   const Rates r = rates(a, b);
-  std::printf("scale %.2f, depth told %.1f m (true: %.1f m), %.0f px beside: true pairs above 10 %% / 1 %% of the false: "
-              "%.2f / %.2f of %zu\n",
-              scale, told_m, depth_m / scale, offset_px, r.at_10_percent, r.at_1_percent, r.pairs);
+  std::printf(
+      "scale %.2f, depth told %.1f m (true: %.1f m), %.0f px beside: true pairs above 10 %% / 1 %% of the false: "
+      "%.2f / %.2f of %zu\n",
+      scale, told_m, depth_m / scale, offset_px, r.at_10_percent, r.at_1_percent, r.pairs);
   return r;
 }
 
@@ -124,7 +125,8 @@ TEST(PatchDescriptor, PixelsAreByRowsTheFirstInTheLowHalf) {
 }
 
 TEST(PatchDescriptor, RefusesWhatItCannotShow) {
-  constexpr double nan_value = std::numeric_limits<double>::quiet_NaN(), infinite = std::numeric_limits<double>::infinity();
+  constexpr double nan_value = std::numeric_limits<double>::quiet_NaN(),
+                   infinite = std::numeric_limits<double>::infinity();
   const ImagePyramid image = scene_from(1.0, 1.0, 1.0, 1.0, 1);
   const auto status = [&](const Eigen::Vector2d& pixel, double depth, double focal) {
     const DescriptorResult result = describe(image, pixel, depth, focal);

@@ -115,8 +115,9 @@ TEST(PatchWarp, LeadsTheSearchToTheTruePlaces) {
       if (!warp || !patch || !camera.in_image(warp->pixel, 20.0) || search.judge(*patch) != SearchResult::Status::found)
         continue;
       ++tried;
-      const auto result = search.find(now, *patch, {warp->pixel + Eigen::Vector2d(2.0, -1.5),
-                                                    4.0 * Eigen::Matrix2d::Identity(), warp->now_from_ref});
+      const auto result = search.find(
+          now, *patch,
+          {warp->pixel + Eigen::Vector2d(2.0, -1.5), 4.0 * Eigen::Matrix2d::Identity(), warp->now_from_ref});
       right += result.status == SearchResult::Status::found && (result.pixel - warp->pixel).norm() < 0.5;
     }
   std::printf("%d of %d places of the wall found within 0.5 px\n", right, tried);

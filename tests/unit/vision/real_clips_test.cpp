@@ -93,7 +93,8 @@ class KittiStreet : public testing::Test {
     return lengths.x() * a;
   }
 
-  /// A corner of frame k in frame k, by following it over four more; nothing if it is lost or what was seen does not agree.
+  /// A corner of frame k in frame k, by following it over four more; nothing if it is lost or what was seen does not
+  /// agree.
   std::optional<Eigen::Vector3d> located(const ReferencePatch& patch, std::size_t k, ActiveSearch& search) const {
     Inverse distance;
     std::optional<Eigen::Vector3d> point;
@@ -130,11 +131,13 @@ TEST_F(KittiStreet, MatchesLieOnTheEpipolarLines) {
   ASSERT_GT(off_px.size(), 100U);
   std::sort(off_px.begin(), off_px.end());
   const double median = off_px[off_px.size() / 2];
-  const auto within = static_cast<double>(std::count_if(off_px.begin(), off_px.end(), [](double d) { return d < 1.0; }));
+  const auto within =
+      static_cast<double>(std::count_if(off_px.begin(), off_px.end(), [](double d) { return d < 1.0; }));
   const double share = within / static_cast<double>(off_px.size());
   std::printf("%zu of %d corners found a frame later; off the epipolar line: median %.2f px, %.0f %% within 1 px\n",
               off_px.size(), tried, median, 100.0 * share);
-  EXPECT_GE(static_cast<double>(off_px.size()), 0.6 * tried);  // the road, seen along it, is no plane that faces the camera
+  EXPECT_GE(static_cast<double>(off_px.size()),
+            0.6 * tried);  // the road, seen along it, is no plane that faces the camera
   EXPECT_LT(median, 0.4);
   EXPECT_GT(share, 0.85);
 }
@@ -178,9 +181,11 @@ TEST_F(KittiStreet, DescriptorsTellTruePairsEightFramesApart) {
     const auto count = std::count_if(right.begin(), right.end(), [&](double s) { return s > threshold; });
     return static_cast<double>(count) / static_cast<double>(right.size());
   };
-  std::printf("%zu pairs, scale %.2f (median): true ones above 10 %% / 1 %% of the false: %.2f / %.2f; thresholds %.2f / %.2f\n",
-              pairs.size(), scales[scales.size() / 2], above(0.1), above(0.01), wrong[wrong.size() / 10],
-              wrong[wrong.size() / 100]);
+  std::printf(
+      "%zu pairs, scale %.2f (median): true ones above 10 %% / 1 %% of the false: %.2f / %.2f; thresholds %.2f / "
+      "%.2f\n",
+      pairs.size(), scales[scales.size() / 2], above(0.1), above(0.01), wrong[wrong.size() / 10],
+      wrong[wrong.size() / 100]);
   EXPECT_GE(above(0.1), 0.8);
   EXPECT_GE(above(0.01), 0.4);
 }
@@ -206,7 +211,8 @@ TEST(Desk, WhatIsFoundInTheNextFrameIsFoundBack) {
       const SearchResult here = search.find(frames[k], *again, {there.pixel, covariance, same});
       back += here.status == SearchResult::Status::found && (here.pixel - corner.pixel).norm() < 0.5;
     }
-  std::printf("desk: %d corners, %d found in the next frame, %d of them found back within 0.5 px\n", tried, found, back);
+  std::printf("desk: %d corners, %d found in the next frame, %d of them found back within 0.5 px\n", tried, found,
+              back);
   ASSERT_GT(tried, 100);
   EXPECT_GE(found, 0.8 * tried);
   EXPECT_GE(back, 0.85 * found);
