@@ -7,7 +7,7 @@
 namespace convoy {
 
 /// Side of the square that a descriptor shows [m], facing the camera. Both vehicles must use the same.
-inline constexpr double descriptor_footprint_m = 0.6;
+inline constexpr double descriptor_footprint_m = 1.0;
 
 struct DescriptorResult {
   enum class Status : std::uint8_t {

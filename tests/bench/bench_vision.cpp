@@ -165,11 +165,11 @@ void BM_describe(benchmark::State& state) {
   const cv::Mat image = scene();
   const ImagePyramid pyramid = pyramid_of(image);
   const Eigen::Vector2d pixel(320.3, 240.6);
-  if (describe(pyramid, pixel, 10.0, 400.0).status != DescriptorResult::Status::made)
+  if (describe(pyramid, pixel, 16.0, 384.0).status != DescriptorResult::Status::made)
     state.SkipWithError("none is made");
   bench::against(
       state, "cv::GaussianBlur and cv::resize of the same piece",
-      [&] { benchmark::DoNotOptimize(describe(pyramid, pixel, 10.0, 400.0)); },
+      [&] { benchmark::DoNotOptimize(describe(pyramid, pixel, 16.0, 384.0)); },
       [&] {
         cv::Mat smooth, small;
         cv::GaussianBlur(image(cv::Rect(304, 224, 32, 32)), smooth, {0, 0}, 1.8);

@@ -16,7 +16,7 @@ namespace {
 using Status = DescriptorResult::Status;
 
 constexpr int width = 640, height = 480;
-constexpr double focal_px = 400.0, depth_m = 8.0;
+constexpr double focal_px = 400.0, depth_m = 40.0 / 3.0;
 
 ImagePyramid pyramid_of(const cv::Mat& image) {
   ImagePyramid pyramid(width, height);
@@ -140,7 +140,7 @@ TEST(PatchDescriptor, RefusesWhatItCannotShow) {
   }
   EXPECT_EQ(status(middle, depth_m, infinite), Status::bad_input);
   EXPECT_EQ(status({nan_value, 100}, depth_m, focal_px), Status::bad_input);
-  EXPECT_EQ(status(middle, 50.0, focal_px), Status::too_small);
+  EXPECT_EQ(status(middle, 70.0, focal_px), Status::too_small);
   EXPECT_EQ(status(middle, 1.0, focal_px), Status::too_large);
   for (const Eigen::Vector2d& away : {Eigen::Vector2d(5, 100), {635, 100}, {100, 5}, {100, 475}, {-1e300, 1e300}})
     EXPECT_EQ(status(away, depth_m, focal_px), Status::out_of_image);
