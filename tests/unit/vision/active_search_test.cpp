@@ -171,6 +171,36 @@ TEST(ActiveSearch, FindsAFeatureWhereItWas) {
   EXPECT_EQ(one.search.count(Status::found), 1U);
 }
 
+TEST(ActiveSearch, KeepsToTheEllipse) {
+  OneFeature one;  // the gate's radius is 6.07 px
+  EXPECT_EQ(one.look({one.pixel + Eigen::Vector2d(4.0, 4.0), 4.0 * identity, identity}), Status::found);
+  EXPECT_NE(one.look({one.pixel + Eigen::Vector2d(5.0, 5.0), 4.0 * identity, identity}), Status::found);
+}
+
+TEST(ActiveSearch, FindsFromFarAtTheEdgeOfTheImage) {
+  OneFeature one;  // comes to lie where, on the smallest image, the edge is nearer than half a template
+  const Eigen::Vector2d truth(12.0, 200.0), shift = truth - one.pixel;
+  const ImagePyramid now =
+      pyramid_of(test::draw(texture(), width, height, [&](const Eigen::Vector2d& p) -> Eigen::Vector2d {
+        return p - shift + Eigen::Vector2d(480.0, 460.0);
+      }));
+  const SearchResult result = one.search.find(now, one.patch, {{32.0, 210.0}, 100.0 * identity, identity});
+  ASSERT_EQ(result.status, Status::found);
+  EXPECT_LT((result.pixel - truth).norm(), 0.3);
+}
+
+TEST(PatchTemplate, OfASmallerViewIsSmooth) {
+  cv::Mat stripes(height, width, CV_8UC1, cv::Scalar(40));  // finer than the smaller view can show
+  for (int x = 0; x < width; x += 2) stripes.col(x).setTo(200);
+  const ReferencePatch patch = *ReferencePatch::take(pyramid_of(stripes), middle);
+  PatchTemplate same, smaller;
+  ASSERT_TRUE(same.warp(patch, identity, Eigen::Vector2d::Zero()));
+  ASSERT_TRUE(smaller.warp(patch, 2.5 * identity, Eigen::Vector2d::Zero()));
+  EXPECT_NEAR(same.contrast(), 80.0, 1.0);
+  EXPECT_LT(smaller.contrast(), 1.0);
+  EXPECT_FALSE(smaller.warp(patch, 20.0 * identity, Eigen::Vector2d::Zero()));
+}
+
 TEST(ActiveSearch, RefusesPredictionsThatAreNone) {
   OneFeature one;
   const Eigen::Matrix2d S = 4.0 * identity;
