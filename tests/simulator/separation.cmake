@@ -59,7 +59,7 @@ function(convoy_keep_simulator_apart)
     set(of_simulator ${linked})
     set(of_vehicles ${linked})
     list(FILTER of_simulator INCLUDE REGEX "^(convoy_simulator|convoy_simulator_process|convoy_sim)$")
-    list(FILTER of_vehicles INCLUDE REGEX "^(convoy|convoy_(core|dds|idl|components|cli_parts|dds_testing))$")
+    list(FILTER of_vehicles INCLUDE REGEX "^(convoy|convoy_(core|vision|dds|idl|components|cli_parts|dds_testing))$")
     if(of_simulator AND of_vehicles)
       message(FATAL_ERROR "${target} links the simulator (${of_simulator}) and convoy (${of_vehicles}). The two meet on "
         "DDS topics only: take convoy::sensors_idl on the side of the vehicle."

@@ -172,6 +172,12 @@ Demand cold_time(const char* what, Graph number) {
           {of_ceres(number, "cpu_ms")}};
 }
 
+Demand vision_time(const char* what, const char* benchmark, double limit_s, const char* baseline) {
+  return {"Images of 640 x 480",          what,
+          time_at_most(limit_s),          "s",
+          {"vision", benchmark, "cpu_s"}, {{baseline, {"vision", benchmark, "baseline_s"}}}};
+}
+
 }  // namespace
 
 const std::vector<Demand>& demands() {
@@ -284,6 +290,9 @@ const std::vector<Demand>& demands() {
       cold_time("KITTI 06", kitti_06),
       cold_time("KITTI 07", kitti_07),
       cold_time("KITTI 09", kitti_09),
+      vision_time("a corner in each of 80 cells", "BM_detect/80", 0.0014, "cv::goodFeaturesToTrack"),
+      vision_time("60 features, gate of 6 px", "BM_search/6", 0.0015, "cv::matchTemplate, whole pixels, no warp"),
+      vision_time("60 features, gate of 16 px", "BM_search/16", 0.009, "cv::matchTemplate, whole pixels, no warp"),
   };
   return table;
 }
