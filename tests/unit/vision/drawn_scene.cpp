@@ -33,8 +33,7 @@ cv::Mat random_texture(int width, int height, std::uint64_t seed) {
 }
 
 cv::Mat draw(const cv::Mat& texture, int width, int height,
-             const std::function<Eigen::Vector2d(const Eigen::Vector2d&)>& place) {
-  constexpr int points = 4;
+             const std::function<Eigen::Vector2d(const Eigen::Vector2d&)>& place, int points) {
   cv::Mat image(height, width, CV_8UC1);
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
@@ -42,7 +41,7 @@ cv::Mat draw(const cv::Mat& texture, int width, int height,
       for (int v = 0; v < points; ++v)
         for (int u = 0; u < points; ++u)
           sum += at(texture, place({x + (u + 0.5) / points - 0.5, y + (v + 0.5) / points - 0.5}));
-      image.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(sum / (points * points));
+      image.at<std::uint8_t>(y, x) = cv::saturate_cast<std::uint8_t>(sum / static_cast<float>(points * points));
     }
   return image;
 }

@@ -95,11 +95,14 @@ TEST(PatchWarp, LeadsTheSearchToTheTruePlaces) {
   const SE3 T_now_ref = SE3::Exp((SE3::Tangent() << -0.5, 0.1, -2.2, 0.02, 0.1, 0.25).finished());
   const auto view_from = [&](const SE3& T_camera_ref) {
     const SE3 T_ref_camera = T_camera_ref.inverse();
-    return test::draw(texture, 640, 480, [&](const Eigen::Vector2d& p) -> Eigen::Vector2d {
-      const Eigen::Vector3d from = T_ref_camera.translation(), along = T_ref_camera.rotation() * camera.ray(p);
-      const Eigen::Vector3d point = from + along * ((wall_m - from.z()) / along.z());
-      return px_per_m * point.head<2>() + Eigen::Vector2d(850, 700);
-    });
+    return test::draw(
+        texture, 640, 480,
+        [&](const Eigen::Vector2d& p) -> Eigen::Vector2d {
+          const Eigen::Vector3d from = T_ref_camera.translation(), along = T_ref_camera.rotation() * camera.ray(p);
+          const Eigen::Vector3d point = from + along * ((wall_m - from.z()) / along.z());
+          return px_per_m * point.head<2>() + Eigen::Vector2d(850, 700);
+        },
+        2);
   };
   ImagePyramid before(640, 480), now(640, 480);
   ASSERT_EQ(before.set(view_from(SE3())), ImagePyramid::Status::ok);
