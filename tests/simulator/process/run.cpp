@@ -34,12 +34,12 @@ class Run {
     topics.deadline_s = options.deadline_s;
     topics.depth = options.depth;
     find_expected();
+    topics_ = std::make_unique<SensorTopics>(topics, source.vehicles(), number_of_run());
     if (!options.record.empty())
       recorder_ = std::make_unique<Recorder>(
           options.record,
           RunNote{options.world, source.attribution(), options.seed, options.command_line, source.step_s()},
           source.vehicles());
-    topics_ = std::make_unique<SensorTopics>(topics, source.vehicles(), number_of_run());
   }
 
   void drive() {

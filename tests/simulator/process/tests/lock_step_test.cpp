@@ -93,6 +93,12 @@ TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
   EXPECT_EQ(steps_of(fleet.said(1)), 20U);
 }
 
+TEST(LockStep, AnswersThatComeLateDoNotTakeBackThoseBefore) {
+  Fleet fleet("--deadline 5" + small, {"--stale 1"});
+  fleet.expect_success();
+  EXPECT_EQ(steps_of(fleet.said(1)), 20U);
+}
+
 TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
   Fleet fleet("--deadline 2" + small, {"--garbage 1"});
   EXPECT_EQ(fleet.sim->wait(), 1);
@@ -133,18 +139,34 @@ TEST(Topics, AreOnTheLoopbackDeviceAlone) {
     EXPECT_TRUE(address == "0100007F" || address == "0100FFEF") << address << ": neither 127.0.0.1 nor 239.255.0.1";
 }
 
-TEST(Topics, TwoSimulatorsDoNotSpeakOnOneDomain) {
-  Fleet first("--rate 1 --duration 1000" + block, {""});
+/// Until the vehicle has said so many steps; false: it has not.
+bool waits_for_steps(const Fleet& fleet, std::size_t count) {
   const auto deadline = steady_clock::now() + std::chrono::seconds(20);
-  while (steps_of(first.said(1)) < 4 && steady_clock::now() < deadline)
+  while (steps_of(fleet.said(1)) < count) {
+    if (steady_clock::now() > deadline) return false;
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  Fleet second("--rate 1 --duration 1000" + block, {});
+  }
+  return true;
+}
+
+const std::string other_speaks = "another simulator speaks on domain";
+
+TEST(Topics, OfTwoSimulatorsOnOneDomainTheLaterGivesUp) {
+  Fleet first("--rate 0.2 --duration 1000" + block, {""});
+  ASSERT_TRUE(waits_for_steps(first, 1)) << first.sim->output();
+  Fleet second("--rate 1 --duration 1000" + block, {});  // before the third step of the first
   EXPECT_EQ(second.sim->wait(), 2);
-  EXPECT_NE(second.sim->output().find("another simulator speaks on domain"), std::string::npos) << second.sim->output();
+  EXPECT_NE(second.sim->output().find(other_speaks), std::string::npos) << second.sim->output();
   const std::size_t steps = steps_of(first.said(1));
-  while (steps_of(first.said(1)) < steps + 3 && steady_clock::now() < deadline)
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  EXPECT_GE(steps_of(first.said(1)), steps + 3) << "the first one goes on";
+  EXPECT_TRUE(waits_for_steps(first, steps + 3)) << "the first one goes on: " << first.sim->output();
+}
+
+TEST(Topics, OfTwoSimulatorsThatStartAtOnceOneGivesUp) {
+  Fleet one("--rate 1 --duration 1000" + block, {""}), other("--rate 1 --duration 1000" + block, {});
+  ASSERT_TRUE(waits_for_steps(one, 10)) << one.sim->output() << other.sim->output();
+  EXPECT_EQ((one.sim->output() + other.sim->output()).find(other_speaks) == std::string::npos, false);
+  EXPECT_NE(one.sim->output().find(other_speaks) == std::string::npos,
+            other.sim->output().find(other_speaks) == std::string::npos);
 }
 
 TEST(WallClock, KeepsToTheRate) {
