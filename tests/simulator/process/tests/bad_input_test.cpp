@@ -26,6 +26,12 @@ TEST(Options, AreChecked) {
   expect_refused("--camera 9999x480", "'9999x480' is no size");
   expect_refused("--gps galileo", "--gps");
   expect_refused("--offset 0,99", "--offset");
+  for (const std::string option :
+       {"--duration", "--distance", "--offset", "--gap", "--speed", "--drop", "--rate", "--deadline"})
+    expect_refused(option + " nan" + block, "'nan' is no number from ");
+  for (const std::string value : {"-nan", "inf", "1e999", "1x"})
+    expect_refused("--duration=" + value + block, "'" + value + "' is no number from ");
+  expect_refused("--offset 0,nan" + block, "'nan' is no number from -20 to 20");
   expect_refused("--domain-sensors 233", "--domain-sensors");
   expect_refused("--domain-sensors 11", "the truth is not for the vehicles");
   expect_refused("--lock-step --rate 2", "--rate");
@@ -33,7 +39,7 @@ TEST(Options, AreChecked) {
   expect_refused("--replay x --seed 2", "--seed");
   expect_refused("--fast", "--fast");
   expect_refused("--route nowhere" + block, "no route 'nowhere'");
-  expect_refused("--lock-step --vehicles 1 --wait-for 2" + block, "there are only 1 vehicles");
+  expect_refused("--lock-step --vehicles 1 --wait-for 2 --world none.osm", "there are only 1 vehicles");
 }
 
 TEST(Snapshot, IsAPicture) {
