@@ -91,6 +91,7 @@ std::string fault_of(const SimOptions& options, const CLI::App& app) {
   if (!options.replay.empty() && !options.record.empty()) return "--record and --replay exclude each other";
   if (options.lock_step && app.count("--rate") > 0)
     return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";
+  if (options.as_is && options.replay.empty()) return "--as-is is of recordings; name one by --replay";
   if (options.replay.empty()) {
     if (options.wait_for.value_or(0) > options.vehicles)
       return "--wait-for " + std::to_string(*options.wait_for) + ": there are only " +
@@ -124,8 +125,12 @@ ParsedOptions parse_options(int argc, char** argv) {
   add_topics(app, options);
   app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed");
   app.add_option("--replay", options.replay, "publish a recording instead of a world");
+  app.add_flag("--as-is", options.as_is, "replay a recording that was cut or changed, too, as far as it goes");
   app.add_option("--snapshot", options.snapshot,
                  "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
+  app.footer(
+      "Exit status: 0 at the end; 1 a vehicle or another subscriber did not answer in time; 2 what was asked for\n"
+      "cannot be done; 128 + the signal if it was stopped (SIGINT 130, SIGTERM 143).");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

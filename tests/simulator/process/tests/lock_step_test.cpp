@@ -204,12 +204,16 @@ TEST(Recording, EndsWithARunThatIsEnded) {
        rows() < 4 && steady_clock::now() < deadline;)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   live.sim->send(SIGTERM);
-  EXPECT_EQ(live.sim->wait(), 0) << live.sim->output();
+  EXPECT_EQ(live.sim->wait(), 128 + SIGTERM) << live.sim->output();
   const std::size_t steps = rows() - 1;
   EXPECT_GE(steps, 3U);
+  EXPECT_NE(live.sim->output().find("stopped at step " + std::to_string(steps)), std::string::npos)
+      << live.sim->output();
   Fleet replay("--lock-step --replay " + folder, {""});
   replay.expect_success();
   EXPECT_EQ(steps_of(replay.said(1)), steps);
+  EXPECT_NE(replay.sim->output().find("the run was stopped at step " + std::to_string(steps)), std::string::npos)
+      << replay.sim->output();
 }
 
 }  // namespace
