@@ -3,7 +3,9 @@
 #include <tinyxml2.h>
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
 
 namespace convoy::simulator {
@@ -15,6 +17,15 @@ constexpr double widest_m = 10'000.0;
   throw std::runtime_error(file + (line > 0 ? ":" + std::to_string(line) : "") + ": " + what + "; " + mend);
 }
 
+/// False unless the whole text is the number: "60.17abc" is none.
+template <class Number>
+bool read_whole(const char* text, Number& number) {
+  if (text == nullptr) return false;
+  const char* const end = text + std::strlen(text);
+  const auto [read, error] = std::from_chars(text, end, number);
+  return error == std::errc() && read == end;
+}
+
 struct Degrees {
   double latitude, longitude;
 };
@@ -22,8 +33,7 @@ struct Degrees {
 Degrees degrees_of(const std::string& file, const tinyxml2::XMLElement& element, const char* latitude,
                    const char* longitude) {
   Degrees d{};
-  if (element.QueryDoubleAttribute(latitude, &d.latitude) != tinyxml2::XML_SUCCESS ||
-      element.QueryDoubleAttribute(longitude, &d.longitude) != tinyxml2::XML_SUCCESS)
+  if (!read_whole(element.Attribute(latitude), d.latitude) || !read_whole(element.Attribute(longitude), d.longitude))
     refuse(file, element.GetLineNum(),
            std::string("<") + element.Name() + "> has no numbers " + latitude + " and " + longitude,
            "give both in degrees, or leave it out");
@@ -37,11 +47,29 @@ Degrees degrees_of(const std::string& file, const tinyxml2::XMLElement& element,
 
 std::int64_t id_of(const std::string& file, const tinyxml2::XMLElement& element, const char* name) {
   std::int64_t id = 0;
-  if (element.QueryInt64Attribute(name, &id) != tinyxml2::XML_SUCCESS)
+  if (!read_whole(element.Attribute(name), id))
     refuse(file, element.GetLineNum(), std::string("<") + element.Name() + "> has no number " + name,
            "export the map anew");
   return id;
 }
+
+/// Ids of one kind of element, each of which is there once.
+class Ids {
+ public:
+  explicit Ids(const std::string& file) : file_(file) {}
+  void add(std::int64_t id, const tinyxml2::XMLElement& element) {
+    const auto [at, is_new] = lines_.emplace(id, element.GetLineNum());
+    if (!is_new)
+      refuse(file_, element.GetLineNum(),
+             std::string(element.Name()) + " " + std::to_string(id) + " was on line " + std::to_string(at->second) +
+                 " already",
+             "keep one of them");
+  }
+
+ private:
+  const std::string& file_;
+  std::map<std::int64_t, int> lines_;
+};
 
 OsmWay way_of(const std::string& file, const tinyxml2::XMLElement& element) {
   OsmWay way;
@@ -86,6 +114,10 @@ const std::string& OsmWay::tag(const std::string& key) const {
   return found == tags.end() ? none : found->second;
 }
 
+void LeftOut::add(const OsmWay& left) {
+  if (count++ == 0) way = left.id, line = left.line;
+}
+
 std::vector<Eigen::Vector2d> OsmMap::line_of(const OsmWay& way) const {
   std::vector<Eigen::Vector2d> line;
   for (const std::int64_t node : way.nodes) line.push_back(nodes.at(node));
@@ -118,8 +150,12 @@ OsmMap read_osm(const std::string& file) {
   if (root == nullptr) refuse(file, 1, "has no <osm> element", "export it as OpenStreetMap XML (.osm)");
 
   std::map<std::int64_t, Degrees> nodes;
-  for (auto* node = root->FirstChildElement("node"); node != nullptr; node = node->NextSiblingElement("node"))
-    nodes[id_of(file, *node, "id")] = degrees_of(file, *node, "lat", "lon");
+  Ids node_ids(file), way_ids(file);
+  for (auto* node = root->FirstChildElement("node"); node != nullptr; node = node->NextSiblingElement("node")) {
+    const std::int64_t id = id_of(file, *node, "id");
+    node_ids.add(id, *node);
+    nodes[id] = degrees_of(file, *node, "lat", "lon");
+  }
 
   OsmMap map;
   std::map<std::int64_t, OsmWay> others;  // which may be rings of relations
@@ -127,11 +163,13 @@ OsmMap read_osm(const std::string& file) {
   for (auto* element = root->FirstChildElement("way"); element != nullptr;
        element = element->NextSiblingElement("way")) {
     OsmWay way = way_of(file, *element);
+    way_ids.add(way.id, *element);
     const bool street = !way.tag("highway").empty(), building = !way.tag("building").empty();
     const bool complete =
         std::all_of(way.nodes.begin(), way.nodes.end(), [&](std::int64_t node) { return nodes.count(node) > 0; });
     if (!complete) {
-      map.ways_without_nodes += street || building;
+      if (building) map.buildings_without_nodes.add(way);
+      else if (street) map.streets_without_nodes.add(way);
       continue;
     }
     for (const std::int64_t id : way.nodes) {

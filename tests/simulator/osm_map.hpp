@@ -20,12 +20,21 @@ struct OsmWay {
   const std::string& tag(const std::string& key) const;
 };
 
+/// Ways that were left out for one reason.
+struct LeftOut {
+  int count = 0;
+  std::int64_t way = 0;  ///< the first
+  int line = 0;
+
+  void add(const OsmWay& left);
+};
+
 struct OsmMap {
   std::map<std::int64_t, Eigen::Vector2d> nodes;  ///< east and north of the map's middle [m]
   std::vector<OsmWay> streets, buildings;         ///< in the order of the file; outer rings of multipolygons too
-  int ways_without_nodes = 0;                     ///< skipped, since nodes of theirs are missing
-  int tags_not_understood = 0;                    ///< heights and levels that are no numbers
-  Eigen::Vector2d low, high;                      ///< what the file says it covers, or else where its nodes are [m]
+  LeftOut streets_without_nodes, buildings_without_nodes;  ///< nodes of theirs are missing
+  int tags_not_understood = 0;                             ///< heights and levels that are no numbers
+  Eigen::Vector2d low, high;  ///< what the file says it covers, or else where its nodes are [m]
 
   std::vector<Eigen::Vector2d> line_of(const OsmWay& way) const;
 };

@@ -60,8 +60,12 @@ std::vector<Outline> footprints_of(const OsmMap& map, OsmReport& report) {
     corners.erase(
         std::unique(corners.begin(), corners.end(), [](const auto& a, const auto& b) { return (a - b).norm() < 0.05; }),
         corners.end());
-    if (!closed || corners.size() < 3 || std::abs(signed_area_m2(corners)) < 4.0 || crosses_itself(corners)) {
-      ++report.outlines_refused;
+    LeftOut* fault = nullptr;
+    if (!closed) fault = &report.buildings_not_closed;
+    else if (corners.size() >= 3 && crosses_itself(corners)) fault = &report.buildings_crossing;
+    else if (corners.size() < 3 || std::abs(signed_area_m2(corners)) < 4.0) fault = &report.buildings_without_area;
+    if (fault != nullptr) {
+      fault->add(way);
       continue;
     }
     if (signed_area_m2(corners) < 0.0) std::reverse(corners.begin(), corners.end());
@@ -229,46 +233,77 @@ Polyline opened(Polyline line) {
   return line;
 }
 
-/// The loop with the best score that a car can drive: away from walls, and not far over what the map says is road.
-Polyline find_loop(const std::string& file, const Network& network, const StreetPlan& plan, const OsmParams& params,
-                   OsmReport& report) {
-  constexpr double to_walls_m = 1.7, over_kerb_m = 1.0, against_oneway = 0.7;
-  const StreetGraph graph(network.edges);
-  const StreetNetwork roads(plan.streets);
-  NearLines walls(12.0);
-  for (const Outline& footprint : plan.footprints) walls.add(footprint.corners, true);
-  const auto score = [&](const Polyline& line) { return score_of(walls, line); };
+/// Ways that a car can drive: away from walls, and not far over what the map says is road.
+class Drivable {
+ public:
+  explicit Drivable(const StreetPlan& plan) : streets_(plan.streets), roads_(plan.streets) {
+    for (const Outline& footprint : plan.footprints) walls_.add(footprint.corners, true);
+  }
+  const NearLines& walls() const { return walls_; }
+
+  bool operator()(const Polyline& middle, bool closed) const {
+    constexpr double to_walls_m = 1.7, over_kerb_m = 1.0;
+    try {
+      const Polyline lane = lane_of(streets_, middle, 0.0, closed);
+      return std::all_of(lane.begin(), lane.end(), [&](const Eigen::Vector2d& point) {
+        return walls_.distance_m(point) > to_walls_m && roads_.beyond_kerb_m(point) < over_kerb_m;
+      });
+    } catch (const std::runtime_error&) {  // a bend that no car can drive
+      return false;
+    }
+  }
+
+ private:
+  const std::vector<Street>& streets_;
+  StreetNetwork roads_;
+  NearLines walls_{12.0};
+};
+
+/// The drivable loop with the best score; empty if there is none.
+Polyline find_loop(const StreetGraph& graph, const Drivable& drivable, const OsmParams& params, OsmReport& report) {
+  constexpr double against_oneway = 0.7;
+  const auto score = [&](const Polyline& line) { return score_of(drivable.walls(), line); };
   Polyline best;
   double best_score = 0.0;
   for (const bool keep_oneway : {true, false}) {
     for (const auto& legs : graph.loops(params.shortest_loop_m, params.longest_loop_m, keep_oneway, 40, score)) {
       const Polyline middle = opened(graph.line_of(legs));
       const double value = score(middle) * (keep_oneway ? 1.0 : against_oneway);
-      if (value <= best_score) continue;
-      try {
-        const Polyline lane = lane_of(plan.streets, middle, 0.0, true);
-        const bool drivable = std::all_of(lane.begin(), lane.end(), [&](const Eigen::Vector2d& point) {
-          return walls.distance_m(point) > to_walls_m && roads.beyond_kerb_m(point) < over_kerb_m;
-        });
-        if (!drivable) continue;
-      } catch (const std::runtime_error&) {  // a bend that no car can drive: the next loop
-        continue;
-      }
+      if (value <= best_score || !drivable(middle, true)) continue;
       best = middle, best_score = value, report.against_oneway = !keep_oneway;
     }
   }
-  if (!best.empty()) return best;
-  throw std::runtime_error(file + ": no closed way of " + std::to_string(std::lround(params.shortest_loop_m)) + " to " +
-                           std::to_string(std::lround(params.longest_loop_m)) +
-                           " m leads over its streets; allow other lengths, or name nodes to drive along");
+  return best;
+}
+
+/// The longest drivable way that leads on from one of the longest streets; empty if there is none.
+Polyline find_way(const StreetGraph& graph, const Drivable& drivable, const OsmParams& params) {
+  constexpr double shortest_m = 50.0;
+  constexpr std::size_t tried = 40;
+  std::vector<std::size_t> order;
+  for (std::size_t i = 0; i < graph.edges().size(); ++i)
+    if (graph.edges()[i].on_routes && graph.edges()[i].from != graph.edges()[i].to) order.push_back(i);
+  std::stable_sort(order.begin(), order.end(),
+                   [&](std::size_t a, std::size_t b) { return graph.edges()[a].length_m > graph.edges()[b].length_m; });
+  if (order.size() > tried) order.resize(tried);
+  Polyline best;
+  for (const std::size_t edge : order) {
+    for (Polyline way : {graph.line_of(graph.way_through(edge, params.longest_loop_m)), graph.edges()[edge].line}) {
+      const double length = length_m(way);
+      if (length < shortest_m || (!best.empty() && length <= length_m(best)) || !drivable(way, false)) continue;
+      best = std::move(way);
+    }
+  }
+  return best;
 }
 
 void add_routes(const std::string& file, const OsmMap& map, const Network& network, const OsmParams& params,
                 StreetPlan& plan, OsmReport& report) {
   Polyline middle;
   bool closed = true;
-  const bool given = !params.along.empty();
-  if (given) {
+  std::string name = "loop";
+  if (!params.along.empty()) {
+    name = "along";
     for (const std::int64_t node : params.along)
       if (map.nodes.count(node) == 0)
         throw std::runtime_error(file + ": has no node " + std::to_string(node) + " to drive along; name another");
@@ -278,7 +313,21 @@ void add_routes(const std::string& file, const OsmMap& map, const Network& netwo
     closed = params.along.front() == params.along.back();
     if (closed) middle.pop_back();
   } else {
-    middle = find_loop(file, network, plan, params, report);
+    const StreetGraph graph(network.edges);
+    const Drivable drivable(plan);
+    middle = find_loop(graph, drivable, params, report);
+    if (middle.empty()) {
+      name = "way";
+      middle = find_way(graph, drivable, params);
+      closed = false;
+      report.open = true;
+    }
+    if (middle.empty())
+      throw std::runtime_error(file +
+                               ": no way of 50 m or more that a car can drive leads over its streets; export a " +
+                               "larger part of the map, with the nodes of its streets");
+  }
+  if (name == "loop") {
     // Begins in the middle of its longest street.
     std::size_t longest = 0;
     const auto piece = [&](std::size_t i) { return (middle[(i + 1) % middle.size()] - middle[i]).norm(); };
@@ -289,7 +338,6 @@ void add_routes(const std::string& file, const OsmMap& map, const Network& netwo
     middle.insert(middle.begin(), Eigen::Vector2d((middle.back() + middle.front()) / 2));
   }
   const Polyline back(middle.rbegin(), middle.rend());
-  const std::string name = given ? "along" : "loop";
   plan.routes.push_back({name, lane_of(plan.streets, middle, 0.0, closed), closed});
   plan.routes.push_back({name + "_beside", to_the_right(plan.routes[0].points, 2.0, closed), closed});
   plan.routes.push_back({name + "_opposite", lane_of(plan.streets, back, 0.0, closed), closed});
@@ -330,7 +378,8 @@ void clear_streets(Network& network, std::vector<Outline>& footprints, OsmReport
 
 StreetPlan plan_osm(const std::string& file, const OsmParams& params, OsmReport& report) {
   const OsmMap map = read_osm(file);
-  report.ways_without_nodes = map.ways_without_nodes;
+  report.streets_without_nodes = map.streets_without_nodes;
+  report.buildings_without_nodes = map.buildings_without_nodes;
   StreetPlan plan;
   plan.attribution = "(c) OpenStreetMap contributors, ODbL 1.0";
   plan.footprints = footprints_of(map, report);
@@ -361,6 +410,41 @@ StreetPlan plan_osm(const std::string& file, const OsmParams& params, OsmReport&
   }
   report.buildings = static_cast<int>(plan.footprints.size());
   return plan;
+}
+
+namespace {
+
+void add_reason(std::string& reasons, int count, const std::string& reason) {
+  if (count > 0) reasons += (reasons.empty() ? "" : ", ") + reason + " " + std::to_string(count);
+}
+
+std::string place_of(const LeftOut& first) {
+  return " (first: way " + std::to_string(first.way) + ", line " + std::to_string(first.line) + ")";
+}
+
+}  // namespace
+
+std::vector<std::string> what_is_missing(const OsmReport& report) {
+  std::vector<std::string> lines;
+  std::string reasons;
+  LeftOut all;
+  for (const auto& [reason, left] : {std::pair{"self-crossing", report.buildings_crossing},
+                                     {"without area", report.buildings_without_area},
+                                     {"not closed", report.buildings_not_closed},
+                                     {"nodes missing", report.buildings_without_nodes}}) {
+    add_reason(reasons, left.count, reason);
+    if (left.count > 0 && (all.count == 0 || left.line < all.line)) all.way = left.way, all.line = left.line;
+    all.count += left.count;
+  }
+  add_reason(reasons, report.buildings_in_streets, "in the middle of a street");
+  if (const int count = all.count + report.buildings_in_streets; count > 0)
+    lines.push_back(std::to_string(count) + " building" + (count > 1 ? "s" : "") + " left out: " + reasons +
+                    (all.count > 0 ? place_of(all) : ""));
+  if (const int count = report.streets_without_nodes.count; count > 0)
+    lines.push_back(std::to_string(count) + " street" + (count > 1 ? "s" : "") + " left out: nodes missing " +
+                    std::to_string(count) + place_of(report.streets_without_nodes));
+  if (report.open) lines.push_back("no closed way of a length to drive round is on the map; its route is open");
+  return lines;
 }
 
 World load_osm(const std::string& file, const OsmParams& params, OsmReport* report) {

@@ -13,7 +13,9 @@
 namespace convoy::simulator {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 
 class OsmFile : public ::testing::Test {
  protected:
@@ -132,10 +134,20 @@ TEST_F(OsmFile, CountsWhatItLeavesOut) {
   const std::string missing = way(52, {10, 99999, 12, 10}, tag("building", "yes"));
   const std::string above = house(3, 50, -6, {});
   const std::string strange = house(4, 40, 40, tag("height", "tall") + tag("building:levels", "nan"));
-  const StreetPlan plan = plan_osm(write(block(crossed + open + missing + above + strange)), {}, report);
-  EXPECT_EQ(report.outlines_refused, 2);
-  EXPECT_EQ(report.ways_without_nodes, 1);
+  const std::string flat = way(53, {10, 11, 10, 13, 10}, tag("building", "yes"));
+  const std::string gone = way(54, {1, 99999}, tag("highway", "residential"));
+  const StreetPlan plan = plan_osm(write(block(crossed + open + missing + flat + gone + above + strange)), {}, report);
+  EXPECT_EQ(report.buildings_crossing.count, 1);
+  EXPECT_EQ(report.buildings_not_closed.count, 1);
+  EXPECT_EQ(report.buildings_without_area.count, 1);
+  EXPECT_EQ(report.buildings_without_nodes.count, 1);
+  EXPECT_EQ(report.streets_without_nodes.count, 1);
   EXPECT_EQ(report.buildings_in_streets, 1);
+  EXPECT_THAT(
+      what_is_missing(report),
+      ElementsAre("5 buildings left out: self-crossing 1, without area 1, not closed 1, nodes missing 1, in the "
+                  "middle of a street 1 (first: way 50, line 14)",
+                  "1 street left out: nodes missing 1 (first: way 54, line 18)"));
   EXPECT_EQ(report.tags_not_understood, 2);
   EXPECT_EQ(plan.footprints.size(), 1U);
 }
@@ -161,8 +173,8 @@ TEST_F(OsmFile, RefusesBadFilesWithFileWhatAndMend) {
   EXPECT_THAT(refusal("<osm>" + node(1, 0, 0) + node(2, 90, 0) + way(1, {1, 2}, tag("highway", "footway")) + "</osm>"),
               HasSubstr("no streets a car can drive"));
   EXPECT_THAT(
-      refusal("<osm>" + node(1, 0, 0) + node(2, 90, 0) + way(1, {1, 2}, tag("highway", "residential")) + "</osm>"),
-      HasSubstr("no closed way of 400 to 650 m"));
+      refusal("<osm>" + node(1, 0, 0) + node(2, 40, 0) + way(1, {1, 2}, tag("highway", "residential")) + "</osm>"),
+      HasSubstr("no way of 50 m or more that a car can drive"));
   try {
     OsmReport report;
     plan_osm("/nowhere/at_all.osm", {}, report);
@@ -174,11 +186,38 @@ TEST_F(OsmFile, RefusesBadFilesWithFileWhatAndMend) {
 
 TEST_F(OsmFile, RefusesCoordinatesWithTheirLine) {
   for (const char* bad : {"lat=\"nan\" lon=\"11\"", "lat=\"48\" lon=\"inf\"", "lat=\"1e30\" lon=\"11\"",
-                          "lat=\"89.9\" lon=\"11\"", "lat=\"48\" lon=\"200\"", "lat=\"x\" lon=\"11\"", "lat=\"48\""}) {
+                          "lat=\"48.17abc\" lon=\"11\"", "lat=\"48\" lon=\"11 x\"", "lat=\"89.9\" lon=\"11\"",
+                          "lat=\"48\" lon=\"200\"", "lat=\"x\" lon=\"11\"", "lat=\"48\""}) {
     const std::string message = refusal(block("<node id=\"9\" " + std::string(bad) + "/>\n"));
     EXPECT_THAT(message, HasSubstr(".osm:10: ")) << bad;
   }
   EXPECT_THAT(refusal(block("<way id=\"x\"/>")), HasSubstr(".osm:10: <way> has no number id"));
+}
+
+TEST_F(OsmFile, RefusesWhatIsThereTwice) {
+  EXPECT_THAT(refusal(block(node(2, 5, 5))), HasSubstr(".osm:10: node 2 was on line 3 already; keep one of them"));
+  EXPECT_THAT(refusal(block(way(3, {1, 3}, {}))), HasSubstr(".osm:10: way 3 was on line 8 already"));
+}
+
+TEST_F(OsmFile, WithoutALoopARouteIsOpen) {
+  const std::string street = tag("highway", "residential");
+  OsmReport report;
+  const StreetPlan plan =
+      plan_osm(write("<osm>" + node(1, 0, 0) + node(2, 90, 0) + node(3, 180, 20) + node(4, 90, 60) +
+                     way(1, {1, 2}, street) + way(2, {2, 3}, street) + way(3, {2, 4}, street) + "</osm>"),
+               {}, report);
+  ASSERT_EQ(plan.routes.size(), 3U);
+  EXPECT_EQ(plan.routes[0].name, "way");
+  EXPECT_FALSE(plan.routes[0].closed);
+  EXPECT_NEAR(length_m(plan.routes[0].points), 182.0, 5.0);
+  for (const Route& route : plan.routes) expect_drivable(route, StreetNetwork(plan.streets), plan.footprints, 4.0);
+  EXPECT_THAT(what_is_missing(report), ElementsAre(HasSubstr("its route is open")));
+}
+
+TEST_F(OsmFile, OfAWholeMapNothingIsMissing) {
+  OsmReport report;
+  plan_osm(write(block(house(1, 40, 14, {}))), {}, report);
+  EXPECT_THAT(what_is_missing(report), IsEmpty());
 }
 
 TEST_F(OsmFile, RefusesMapsWiderThanTenKilometres) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <set>
 #include <stdexcept>
 
@@ -84,6 +85,34 @@ std::vector<std::vector<Leg>> StreetGraph::loops(double shortest_m, double longe
   std::vector<std::vector<Leg>> best;
   for (std::size_t i = 0; i < std::min(count, found.size()); ++i) best.push_back(std::move(found[i].second));
   return best;
+}
+
+std::vector<Leg> StreetGraph::way_through(std::size_t edge, double longest_m) const {
+  std::vector<Leg> way{{edge, false}};
+  double length = edges_[edge].length_m;
+  std::set<std::int64_t> visited{edges_[edge].from, edges_[edge].to};
+  const auto grow = [&](bool ahead) {
+    const auto legs = out_.find(ahead ? end_of(way.back()) : begin_of(way.front()));
+    std::optional<Leg> best;
+    for (const Leg& out : legs == out_.end() ? std::vector<Leg>() : legs->second) {
+      const Leg leg{out.edge, out.reversed == ahead};
+      const GraphEdge& next = edges_[leg.edge];
+      if ((leg.reversed && !next.backward) || visited.count(end_of(out)) > 0 || length + next.length_m > longest_m ||
+          (ahead ? turns_too_sharply(way.back(), leg) : turns_too_sharply(leg, way.front())))
+        continue;
+      if (!best || next.length_m > edges_[best->edge].length_m) best = leg;
+    }
+    if (!best) return false;
+    visited.insert(ahead ? end_of(*best) : begin_of(*best));
+    length += edges_[best->edge].length_m;
+    way.insert(ahead ? way.end() : way.begin(), *best);
+    return true;
+  };
+  while (grow(true)) {
+  }
+  while (grow(false)) {
+  }
+  return way;
 }
 
 std::vector<Leg> StreetGraph::way_along(const std::vector<std::int64_t>& nodes) const {

@@ -31,6 +31,9 @@ class StreetGraph {
   /// those with the best score first, at most `count`. Deterministic.
   std::vector<std::vector<Leg>> loops(double shortest_m, double longest_m, bool keep_oneway, std::size_t count,
                                       const std::function<double(const Polyline&)>& score) const;
+  /// A way from the edge on at both ends, along the longest edge each time, until it would pass a node twice, turn by
+  /// more than 125 degrees, lead against a one-way street or be longer than that.
+  std::vector<Leg> way_through(std::size_t edge, double longest_m) const;
   /// Shortest way along these nodes, in their order. @throws std::runtime_error where there is none.
   std::vector<Leg> way_along(const std::vector<std::int64_t>& nodes) const;
 
@@ -39,6 +42,7 @@ class StreetGraph {
 
  private:
   std::int64_t end_of(const Leg& leg) const { return leg.reversed ? edges_[leg.edge].from : edges_[leg.edge].to; }
+  std::int64_t begin_of(const Leg& leg) const { return leg.reversed ? edges_[leg.edge].to : edges_[leg.edge].from; }
   Polyline points_of(const Leg& leg) const;
   bool turns_too_sharply(const Leg& before, const Leg& after) const;
   std::vector<GraphEdge> edges_;

@@ -55,6 +55,8 @@ CameraData load_camera(const std::filesystem::path& path) {
     const cv::Mat lens = read_matrix(in, file, "camera_matrix", 3, 3);
     camera.fx = lens.at<double>(0, 0);
     camera.fy = lens.at<double>(1, 1);
+    if (!(camera.fx > 0.0 && camera.fy > 0.0))
+      throw SetUpError(file + ": the focal lengths in 'camera_matrix' must be above 0");
     camera.cx = lens.at<double>(0, 2);
     camera.cy = lens.at<double>(1, 2);
     const cv::Mat distortion = read_matrix(in, file, "distortion_coefficients", 1, 5);
@@ -69,6 +71,13 @@ CameraData load_camera(const std::filesystem::path& path) {
   return camera;
 }
 
+void expect_room_for_picture(const std::filesystem::path& file) {
+  if (file.extension() != ".png") throw SetUpError(file.string() + ": the name of a picture must end in .png");
+  const std::filesystem::path folder = file.has_parent_path() ? file.parent_path() : ".";
+  if (!std::filesystem::is_directory(folder))
+    throw SetUpError(file.string() + " cannot be written: there is no folder " + folder.string());
+}
+
 void save_picture(const std::filesystem::path& file, int width, int height, const std::vector<std::uint8_t>& grey) {
   const cv::Mat picture(height, width, CV_8U, const_cast<std::uint8_t*>(grey.data()));
   // Noise does not become smaller by more effort.
@@ -77,7 +86,7 @@ void save_picture(const std::filesystem::path& file, int width, int height, cons
     if (cv::imwrite(file.string(), picture, fast)) return;
   } catch (const cv::Exception&) {  // told below
   }
-  throw SetUpError(file.string() + " cannot be written; is there room on the disk, and does the name end in .png?");
+  throw SetUpError(file.string() + " cannot be written; is there room on the disk?");
 }
 
 std::vector<std::uint8_t> load_picture(const std::filesystem::path& file, int width, int height) {

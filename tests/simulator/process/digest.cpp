@@ -1,6 +1,7 @@
 #include "digest.hpp"
 
 #include <cstdio>
+#include <fstream>
 
 namespace convoy::simulator {
 
@@ -40,6 +41,17 @@ std::string Digest::text() const {
 std::string digest_of(const FrameData& frame) {
   Digest digest;
   digest.add_bytes(frame.grey.data(), frame.grey.size());
+  return digest.text();
+}
+
+std::string digest_of(const std::filesystem::path& file) {
+  Digest digest;
+  std::ifstream in(file, std::ios::binary);
+  std::vector<char> part(1 << 16);
+  do {
+    in.read(part.data(), static_cast<std::streamsize>(part.size()));
+    digest.add_bytes(part.data(), static_cast<std::size_t>(in.gcount()));
+  } while (in);
   return digest.text();
 }
 

@@ -5,6 +5,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <string>
 
 namespace convoy::simulator {
@@ -24,5 +25,7 @@ class Digest {
 
 /// Of the pixels alone.
 std::string digest_of(const FrameData& frame);
+/// Of the bytes; that of an empty one if it cannot be read.
+std::string digest_of(const std::filesystem::path& file);
 
 }  // namespace convoy::simulator

@@ -10,10 +10,12 @@
 #include <convoy/simulator/vehicle_physics.hpp>
 
 #include "fleet_bodies.hpp"
+#include "progress.hpp"
 #include "sensor_samples.hpp"
 #include "sim_error.hpp"
 
 #include <algorithm>
+#include <cstdio>
 #include <future>
 #include <optional>
 #include <thread>
@@ -23,24 +25,27 @@ namespace {
 
 constexpr int physics_steps = 24;  // in a step of 0.1 s
 
-World make_world(const SimOptions& options) {
+StreetPlan make_plan(const SimOptions& options) {
+  const StillAt still("laying out the streets");
   try {
-    if (options.world == "district") return make_district(options.seed);
-    OsmParams params;
-    params.seed = options.seed;
-    return load_osm(options.world, params);
+    if (options.world == "district") return plan_district(options.seed);
+    OsmReport report;
+    StreetPlan plan = plan_osm(options.world, {}, report);
+    for (const std::string& line : what_is_missing(report)) std::fprintf(stderr, "convoy sim: %s\n", line.c_str());
+    return plan;
   } catch (const std::runtime_error& error) {
     throw SetUpError(error.what());
   }
 }
 
-const Route& find_route(const World& world, const std::string& name) {
-  if (world.routes.empty()) throw SetUpError("the world has no route to drive along");
-  if (name.empty()) return world.routes.front();
+/// Its index.
+std::size_t find_route(const std::vector<Route>& routes, const std::string& name) {
+  if (routes.empty()) throw SetUpError("the world has no route to drive along");
+  if (name.empty()) return 0;
   std::string known;
-  for (const Route& route : world.routes) {
-    if (route.name == name) return route;
-    known += (known.empty() ? "" : ", ") + route.name;
+  for (std::size_t i = 0; i < routes.size(); ++i) {
+    if (routes[i].name == name) return i;
+    known += (known.empty() ? "" : ", ") + routes[i].name;
   }
   throw SetUpError("no route '" + name + "'; there are: " + known);
 }
@@ -186,8 +191,17 @@ struct Driven {
 }  // namespace
 
 struct LiveSource::Impl {
-  explicit Impl(const SimOptions& sim_options)
-      : options(sim_options), world(make_world(options)), route(find_route(world, options.route)) {
+  static std::unique_ptr<Impl> make(const SimOptions& options) {
+    const StreetPlan plan = make_plan(options);
+    find_route(plan.routes, options.route);  // before the part that takes long
+    const StillAt still("building the world");
+    return std::make_unique<Impl>(options, plan);
+  }
+
+  Impl(const SimOptions& sim_options, const StreetPlan& plan)
+      : options(sim_options),
+        world(build_world(plan, options.seed, DetailParams())),
+        route(world.routes[find_route(world.routes, options.route)]) {
     const RouteLine line(route, 0.0);
     const double rear_m = options.gap_m * (options.vehicles - 1);
     if (!line.closed() && rear_m >= line.length_m())
@@ -272,7 +286,7 @@ struct LiveSource::Impl {
   std::uint32_t done = 0;
 };
 
-LiveSource::LiveSource(const SimOptions& options) try : impl_(std::make_unique<Impl>(options)) {
+LiveSource::LiveSource(const SimOptions& options) try : impl_(Impl::make(options)) {
 } catch (const std::invalid_argument& error) {  // a vehicle that cannot be put there
   throw SetUpError(error.what());
 }
@@ -288,19 +302,21 @@ double LiveSource::duration_s() const {
   return std::min(way_s, impl_->options.duration_s.value_or(way_s));
 }
 
-FrameData LiveSource::snapshot() {
+FrameData LiveSource::snapshot(const std::function<void(double time_s)>& tell) {
   const bool drives = impl_->options.duration_s || impl_->options.distance_m;
   StepData step;
-  do step = impl_->drive();
-  while (drives && !step.last);
+  do {
+    step = impl_->drive();
+    tell(step.time_s);
+  } while (drives && !step.last);
   impl_->take_picture(0, step.vehicles.front());
   return step.vehicles.front().frames.at(0);
 }
 
 WorldNote describe_world(const SimOptions& options) {
-  const World world = make_world(options);
-  WorldNote note{world.attribution, {}};
-  for (const Route& route : world.routes) {
+  const StreetPlan plan = make_plan(options);
+  WorldNote note{plan.attribution, {}};
+  for (const Route& route : plan.routes) {
     const RouteLine line(route, 0.0);
     note.routes.push_back({route.name, line.route_length_m(), line.closed()});
   }

@@ -4,6 +4,7 @@
 #include "sensor_source.hpp"
 #include "sim_options.hpp"
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -21,12 +22,13 @@ struct WorldNote {
   std::vector<RouteNote> routes;
 };
 
-/// Of the world that is asked for. Throws SetUpError.
+/// Of the world that is asked for, which is not built for it; says on standard error what is left out of a map. Throws
+/// SetUpError.
 WorldNote describe_world(const SimOptions& options);
 
 class LiveSource final : public SensorSource {
  public:
-  /// Builds the world. Throws SetUpError for what is wrong with it or with the options.
+  /// Builds the world, and says so on standard error. Throws SetUpError for what is wrong with it or with the options.
   explicit LiveSource(const SimOptions& options);
   ~LiveSource() override;
   const std::vector<SourceVehicle>& vehicles() const override;
@@ -36,8 +38,8 @@ class LiveSource final : public SensorSource {
   std::string attribution() const override;
 
   /// Drives to the end of the duration or distance (neither asked for: one step) and tells what vehicle 1 sees there.
-  /// Not to be asked of cameras that drop frames.
-  FrameData snapshot();
+  /// Not to be asked of cameras that drop frames. Tells each step's time.
+  FrameData snapshot(const std::function<void(double time_s)>& tell);
 
  private:
   struct Impl;

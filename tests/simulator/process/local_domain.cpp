@@ -99,8 +99,10 @@ edds::DataReader* LocalDomain::reader(edds::TypeSupport type, const std::string&
   qos.resource_limits().allocated_samples = 16;
   qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
   qos.data_sharing().off();
-  return need(subscriber_->create_datareader(topic_of(type, topic), qos, listener, edds::StatusMask::data_available()),
-              "reader of " + topic);
+  return need(
+      subscriber_->create_datareader(topic_of(type, topic), qos, listener,
+                                     edds::StatusMask::data_available() << edds::StatusMask::subscription_matched()),
+      "reader of " + topic);
 }
 
 }  // namespace convoy::simulator

@@ -1,6 +1,7 @@
 // convoy-sim, which `convoy sim` runs.
 #include "camera_file.hpp"
 #include "live_source.hpp"
+#include "progress.hpp"
 #include "recording.hpp"
 #include "run.hpp"
 #include "sim_error.hpp"
@@ -13,11 +14,13 @@ namespace {
 
 using namespace convoy::simulator;
 
-volatile std::sig_atomic_t stopped = 0;
+volatile std::sig_atomic_t stopped_by = 0;
 
+/// The run ends in order, at the first of them; a second one ends it anyhow.
 void stop_at_signals() {
   struct sigaction action {};
-  action.sa_handler = [](int) { stopped = 1; };
+  action.sa_handler = [](int signal) { stopped_by = signal; };
+  action.sa_flags = static_cast<int>(SA_RESETHAND);
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
 }
@@ -40,22 +43,38 @@ void take_snapshot(SimOptions options) {
   options.drop_probability = 0.0;
   LiveSource source(options);
   attribute(source.attribution());
-  const FrameData frame = source.snapshot();
+  Progress progress(source.duration_s());
+  const FrameData frame = source.snapshot([&](double time_s) { progress.tell(time_s); });
   save_picture(options.snapshot, frame.width, frame.height, frame.grey);
 }
 
-void show(const SimOptions& options) {
-  if (options.list_routes) return list_routes(options);
-  if (!options.replay.empty()) {
-    Replay replay(options.replay);
-    attribute(replay.attribution());
-    return run(replay, options, [] { return stopped != 0; });
-  }
-  std::fprintf(stderr, "convoy sim: building the world\n");
-  if (!options.snapshot.empty()) return take_snapshot(options);
-  LiveSource source(options);
+/// The exit status.
+int run_until_signal(SensorSource& source, const SimOptions& options) {
   attribute(source.attribution());
-  run(source, options, [] { return stopped != 0; });
+  stop_at_signals();
+  return run(source, options, [] { return stopped_by != 0; }) ? 0 : 128 + stopped_by;
+}
+
+int replay(const SimOptions& options) {
+  Replay recorded(options.replay, options.as_is);
+  if (!recorded.warning().empty()) std::fprintf(stderr, "convoy sim: %s\n", recorded.warning().c_str());
+  return run_until_signal(recorded, options);
+}
+
+int show(const SimOptions& options) {
+  if (!options.replay.empty()) return replay(options);
+  // What needs no world is looked at before there is one.
+  if (!options.snapshot.empty()) expect_room_for_picture(options.snapshot);
+  if (!options.record.empty()) expect_room_for_recording(options.record);
+  if (options.list_routes) {
+    list_routes(options);
+  } else if (!options.snapshot.empty()) {
+    take_snapshot(options);
+  } else {
+    LiveSource source(options);
+    return run_until_signal(source, options);
+  }
+  return 0;
 }
 
 }  // namespace
@@ -63,9 +82,8 @@ void show(const SimOptions& options) {
 int main(int argc, char** argv) {
   const ParsedOptions parsed = parse_options(argc, argv);
   if (parsed.exit_status) return *parsed.exit_status;
-  stop_at_signals();
   try {
-    show(parsed.options);
+    return show(parsed.options);
   } catch (const SetUpError& error) {
     std::fprintf(stderr, "convoy sim: %s\n", error.what());
     return 2;
@@ -76,5 +94,4 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "convoy sim: unexpected: %s\n", error.what());
     return 3;
   }
-  return 0;
 }

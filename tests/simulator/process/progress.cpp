@@ -25,4 +25,32 @@ void Progress::tell(double time_s, const std::string& what) {
   open_ = terminal_;
 }
 
+StillAt::StillAt(std::string what) : what_(std::move(what)) {
+  std::fprintf(stderr, "convoy sim: %s\n", what_.c_str());
+  teller_ = std::thread([this] { tell(); });
+}
+
+StillAt::~StillAt() {
+  {
+    const std::lock_guard lock(mutex_);
+    done_ = true;
+  }
+  changed_.notify_all();
+  teller_.join();
+}
+
+void StillAt::tell() {
+  const bool terminal = isatty(STDERR_FILENO) == 1;
+  int gone_s = 2;
+  std::unique_lock lock(mutex_);
+  const auto start = std::chrono::steady_clock::now();
+  while (!changed_.wait_until(lock, start + std::chrono::seconds(gone_s), [&] { return done_; })) {
+    std::fprintf(stderr, "%sconvoy sim: %s, for %d s%s", terminal ? "\r\033[K" : "", what_.c_str(), gone_s,
+                 terminal ? "" : "\n");
+    std::fflush(stderr);
+    gone_s += terminal ? 1 : 10;
+  }
+  if (terminal && gone_s > 2) std::fputc('\n', stderr);
+}
+
 }  // namespace convoy::simulator

@@ -1,8 +1,11 @@
-// A line that tells how far a run is, for whoever waits for more than two seconds.
+// Lines that tell how far something is, for whoever waits for more than two seconds.
 #pragma once
 
 #include <chrono>
+#include <condition_variable>
+#include <mutex>
 #include <string>
+#include <thread>
 
 namespace convoy::simulator {
 
@@ -22,6 +25,24 @@ class Progress {
   const Clock::time_point start_ = Clock::now();
   Clock::time_point next_;
   bool open_ = false;
+};
+
+/// A line that tells that something still goes on, and for how long, while nothing else can be told of it.
+class StillAt {
+ public:
+  explicit StillAt(std::string what);  ///< says what, at once
+  ~StillAt();                          ///< it is done
+  StillAt(const StillAt&) = delete;
+  StillAt& operator=(const StillAt&) = delete;
+
+ private:
+  void tell();
+
+  const std::string what_;
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool done_ = false;
+  std::thread teller_;
 };
 
 }  // namespace convoy::simulator

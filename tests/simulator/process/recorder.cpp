@@ -15,14 +15,19 @@ std::filesystem::path vehicle_folder(const std::filesystem::path& folder, std::u
 }
 
 void make_folders(const std::filesystem::path& folder, const std::vector<SourceVehicle>& vehicles) {
+  expect_room_for_recording(folder);
   std::error_code error;
-  if (std::filesystem::exists(folder, error) && !std::filesystem::is_empty(folder, error))
-    throw SetUpError(folder.string() + ": there is something already; name an empty or a new folder to record to");
   for (const SourceVehicle& vehicle : vehicles) {
     const std::filesystem::path images = vehicle_folder(folder, vehicle.vehicle) / "images";
     std::filesystem::create_directories(images, error);
     if (error) throw SetUpError(images.string() + " cannot be made: " + error.message());
   }
+}
+
+void write_json(const std::filesystem::path& file, const nlohmann::ordered_json& json) {
+  std::ofstream out(file);
+  out << json.dump(2) << '\n';
+  if (!out.flush()) throw SetUpError(file.string() + " cannot be written");
 }
 
 void write_note(const std::filesystem::path& file, const RunNote& note, const std::vector<SourceVehicle>& vehicles) {
@@ -31,15 +36,20 @@ void write_note(const std::filesystem::path& file, const RunNote& note, const st
                               {"vehicles", nullptr}};
   json["vehicles"] = nlohmann::json::array();
   for (const SourceVehicle& vehicle : vehicles) json["vehicles"].push_back(vehicle.vehicle);
-  std::ofstream out(file);
-  out << json.dump(2) << '\n';
-  if (!out.flush()) throw SetUpError(file.string() + " cannot be written");
+  write_json(file, json);
 }
 
 }  // namespace
 
-Recorder::Recorder(const std::filesystem::path& folder, const RunNote& note,
-                   const std::vector<SourceVehicle>& vehicles) {
+void expect_room_for_recording(const std::filesystem::path& folder) {
+  std::error_code error;
+  if (std::filesystem::exists(folder, error) &&
+      (!std::filesystem::is_directory(folder, error) || !std::filesystem::is_empty(folder, error)))
+    throw SetUpError(folder.string() + ": there is something already; name an empty or a new folder to record to");
+}
+
+Recorder::Recorder(const std::filesystem::path& folder, const RunNote& note, const std::vector<SourceVehicle>& vehicles)
+    : folder_(folder) {
   make_folders(folder, vehicles);
   write_note(folder / "run.json", note, vehicles);
   for (const SourceVehicle& vehicle : vehicles) {
@@ -54,7 +64,7 @@ Recorder::Recorder(const std::filesystem::path& folder, const RunNote& note,
 }
 
 void Recorder::write(const StepData& step) {
-  const std::int64_t number = step.step;
+  const std::int64_t number = steps_ = step.step;
   for (std::size_t i = 0; i < vehicles_.size(); ++i) {
     Tables& tables = vehicles_[i];
     const VehicleStep& sensed = step.vehicles.at(i);
@@ -81,6 +91,17 @@ void Recorder::write(const StepData& step) {
     tables.truth.all(sensed.truth.T_world_body).all(sensed.truth.velocity_world).all(sensed.truth.turn_body);
     tables.truth.end_row();
   }
+}
+
+void Recorder::end(bool complete) {
+  nlohmann::ordered_json json{{"steps", steps_}, {"complete", complete}, {"fnv1a64", nullptr}};
+  const auto add = [&](const std::filesystem::path& file) {
+    json["fnv1a64"][file.lexically_relative(folder_).string()] = digest_of(file);
+  };
+  add(folder_ / "run.json");
+  for (const Tables& tables : vehicles_)
+    for (const char* name : recorded_files) add(tables.folder / name);
+  write_json(folder_ / "end.json", json);
 }
 
 }  // namespace convoy::simulator

@@ -42,6 +42,38 @@ Note read_note(const std::filesystem::path& file) {
   return note;
 }
 
+/// How the recording's end tells that it is not as it was written; empty: it is.
+std::string fault_at_end(const std::filesystem::path& folder, const Note& note, std::uint32_t steps, bool& complete) {
+  const std::filesystem::path file = folder / "end.json";
+  std::ifstream in(file);
+  if (!in)
+    return file.string() + " is missing: the recording was interrupted, and ends at step " + std::to_string(steps);
+  try {
+    const nlohmann::json json = nlohmann::json::parse(in);
+    complete = json.at("complete");
+    const auto all = json.at("steps").get<std::uint32_t>();
+    const auto changed = [&](const std::string& name) {
+      return json.at("fnv1a64").at(name) != digest_of(folder / name);
+    };
+    const auto is_not = [&](const std::string& name) {
+      return (folder / name).string() + " is not what was recorded: it was cut or changed";
+    };
+    if (changed("run.json")) return is_not("run.json");
+    for (const std::uint32_t vehicle : note.vehicles) {
+      const std::string own = "vehicle_" + std::to_string(vehicle) + "/";
+      if (steps < all && changed(own + "truth.csv"))
+        return (folder / own / "truth.csv").string() + ": the recording ends at step " + std::to_string(steps) +
+               " of " + std::to_string(all) + ": it was cut";
+      for (const char* name : recorded_files)
+        if (changed(own + name)) return is_not(own + name);
+    }
+    if (steps != all) return is_not("end.json");
+  } catch (const nlohmann::json::exception& error) {
+    return file.string() + ": " + error.what();
+  }
+  return {};
+}
+
 /// The step of a row, its first column: not before the last one.
 std::uint32_t step_of(TableRow& row, std::uint32_t last) {
   const auto step = static_cast<std::uint32_t>(row.whole(1, largest));
@@ -174,28 +206,35 @@ struct RecordedVehicle {
 }  // namespace
 
 struct Replay::Impl {
-  explicit Impl(const std::filesystem::path& folder) : note(read_note(folder / "run.json")) {
+  Impl(const std::filesystem::path& folder, bool as_is) : note(read_note(folder / "run.json")) {
     for (const std::uint32_t number : note.vehicles) {
       recorded.emplace_back(folder, number);
       vehicles.push_back(recorded.back().vehicle);
       const auto has = static_cast<std::uint32_t>(recorded.back().truth.size());
       steps = steps == 0 ? has : std::min(steps, has);
     }
+    bool complete = true;
+    warning = fault_at_end(folder, note, steps, complete);
+    if (!warning.empty() && !as_is) throw SetUpError(warning + "; --as-is replays what is there");
+    if (warning.empty() && !complete)
+      warning = folder.string() + ": the run was stopped at step " + std::to_string(steps) + ", before its end";
   }
 
   Note note;
   std::vector<RecordedVehicle> recorded;
   std::vector<SourceVehicle> vehicles;
   std::uint32_t steps = 0, done = 0;
+  std::string warning;
 };
 
-Replay::Replay(const std::filesystem::path& folder) : impl_(std::make_unique<Impl>(folder)) {}
+Replay::Replay(const std::filesystem::path& folder, bool as_is) : impl_(std::make_unique<Impl>(folder, as_is)) {}
 Replay::~Replay() = default;
 
 const std::vector<SourceVehicle>& Replay::vehicles() const { return impl_->vehicles; }
 double Replay::duration_s() const { return impl_->steps * impl_->note.run.step_s; }
 double Replay::step_s() const { return impl_->note.run.step_s; }
 std::string Replay::attribution() const { return impl_->note.run.attribution; }
+const std::string& Replay::warning() const { return impl_->warning; }
 
 StepData Replay::next() {
   StepData step;

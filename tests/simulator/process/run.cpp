@@ -34,34 +34,26 @@ class Run {
     topics.deadline_s = options.deadline_s;
     topics.depth = options.depth;
     find_expected();
+    topics_ = std::make_unique<SensorTopics>(topics, source.vehicles(), number_of_run());
     if (!options.record.empty())
       recorder_ = std::make_unique<Recorder>(
           options.record,
           RunNote{options.world, source.attribution(), options.seed, options.command_line, source.step_s()},
           source.vehicles());
-    topics_ = std::make_unique<SensorTopics>(topics, source.vehicles(), number_of_run());
   }
 
-  void drive() {
-    if (!expected_.empty()) {
-      std::fprintf(stderr, "convoy sim: waiting for %zu vehicle%s on domain %u\n", expected_.size(),
-                   expected_.size() == 1 ? "" : "s", options_.sensor_domain);
-      if (!topics_->wait_for(expected_, 0, stop_)) return;
+  /// False: stopped before the end.
+  bool drive() {
+    try {
+      const bool complete = waited_for_vehicles() && send_all();
+      if (recorder_) recorder_->end(complete);
+      if (!complete) std::fprintf(stderr, "convoy sim: stopped at step %u\n", sent_);
+      topics_->finish(std::min(options_.deadline_s, 2.0));
+      return complete;
+    } catch (const DeadlineError&) {
+      if (recorder_) recorder_->end(false);
+      throw;
     }
-    Progress progress(source_.duration_s());
-    start_ = Clock::now();
-    StepData step = source_.next();
-    while (pace(step) && !stop_()) {
-      send(step);
-      progress.tell(step.time_s);
-      const std::uint32_t sent = step.step;
-      const bool last = step.last;
-      // While the vehicles are at this step, the next one is made: it does not depend on them.
-      if (!last) step = source_.next();
-      if (options_.lock_step && !topics_->wait_for(expected_, sent, stop_)) break;
-      if (last) break;
-    }
-    topics_->finish(std::min(options_.deadline_s, 2.0));
   }
 
   void tell() const {
@@ -91,6 +83,28 @@ class Run {
     for (int i = 0; i < count; ++i) expected_.push_back(source_.vehicles()[static_cast<std::size_t>(i)].vehicle);
   }
 
+  bool waited_for_vehicles() {
+    if (expected_.empty()) return true;
+    std::fprintf(stderr, "convoy sim: waiting for %zu vehicle%s on domain %u\n", expected_.size(),
+                 expected_.size() == 1 ? "" : "s", options_.sensor_domain);
+    return topics_->wait_for(expected_, 0, stop_);
+  }
+
+  bool send_all() {
+    Progress progress(source_.duration_s());
+    start_ = Clock::now();
+    for (StepData step = source_.next(); pace(step) && !stop_();) {
+      send(step);
+      progress.tell(step.time_s);
+      const bool last = step.last;
+      // While the vehicles are at this step, the next one is made: it does not depend on them.
+      if (!last) step = source_.next();
+      if (options_.lock_step && !topics_->wait_for(expected_, sent_, stop_)) return false;
+      if (last) return true;
+    }
+    return false;
+  }
+
   /// Waits until it is time for the step; false: told to stop.
   bool pace(const StepData& step) const {
     if (options_.lock_step) return true;
@@ -106,6 +120,7 @@ class Run {
   void send(const StepData& step) {
     if (recorder_) recorder_->write(step);
     topics_->publish(step);
+    sent_ = step.step;
     for (std::size_t i = 0; i < sums_.size(); ++i) {
       const VehicleStep& sensed = step.vehicles[i];
       sums_[i].frames += sensed.frames.size();
@@ -123,14 +138,16 @@ class Run {
   std::unique_ptr<Recorder> recorder_;
   std::unique_ptr<SensorTopics> topics_;
   Clock::time_point start_;
+  std::uint32_t sent_ = 0;
 };
 
 }  // namespace
 
-void run(SensorSource& source, const SimOptions& options, const std::function<bool()>& stop) {
+bool run(SensorSource& source, const SimOptions& options, const std::function<bool()>& stop) {
   Run run(source, options, stop);
-  run.drive();
+  const bool complete = run.drive();
   run.tell();
+  return complete;
 }
 
 }  // namespace convoy::simulator

@@ -13,6 +13,8 @@
 #include <cstdio>
 #include <map>
 #include <mutex>
+#include <optional>
+#include <set>
 
 namespace convoy::simulator {
 namespace {
@@ -34,30 +36,36 @@ class Guarded final : public PubSubType {
   }
 };
 
-/// What the vehicles have said last.
+/// What the vehicles have answered. Answers of others, of other runs, and to steps that were not sent, change nothing.
 class Answers final : public edds::DataReaderListener {
  public:
+  Answers(const std::vector<SourceVehicle>& vehicles, std::uint64_t run) : run_(run) {
+    for (const SourceVehicle& vehicle : vehicles) of_[vehicle.vehicle] = {};
+  }
+
   void on_data_available(edds::DataReader* reader) override {
     wire::StepDone done;
     edds::SampleInfo info;
     const std::lock_guard lock(mutex_);
-    while (reader->take_next_sample(&done, &info) == ReturnCode_t::RETCODE_OK) {
-      if (!info.valid_data) continue;
-      if (done.vehicle() == 0) ++undecodable_;
-      else last_[done.vehicle()] = {done.run(), done.step()};
-    }
+    while (reader->take_next_sample(&done, &info) == ReturnCode_t::RETCODE_OK)
+      if (info.valid_data) add(done);
     changed_.notify_all();
   }
 
-  /// Those that have not said it when the time is over.
-  std::vector<std::uint32_t> wait(const std::vector<std::uint32_t>& vehicles, std::uint64_t run, std::uint32_t step,
+  void sends(std::uint32_t step) {
+    const std::lock_guard lock(mutex_);
+    sent_ = step;
+  }
+
+  /// Those that have not answered the step (0: have not appeared) when the time is over.
+  std::vector<std::uint32_t> wait(const std::vector<std::uint32_t>& vehicles, std::uint32_t step,
                                   std::chrono::steady_clock::time_point until) {
     std::vector<std::uint32_t> missing = vehicles;
     std::unique_lock lock(mutex_);
     changed_.wait_until(lock, until, [&] {
       std::erase_if(missing, [&](std::uint32_t vehicle) {
-        const auto at = last_.find(vehicle);
-        return at != last_.end() && at->second == std::pair{run, step};
+        const Said& said = of_.at(vehicle);
+        return step == 0 ? said.there : said.done >= step;
       });
       return missing.empty();
     });
@@ -70,10 +78,50 @@ class Answers final : public edds::DataReaderListener {
   }
 
  private:
+  struct Said {
+    bool there = false;
+    std::uint32_t done = 0;  ///< the last step of this run
+  };
+
+  void add(const wire::StepDone& answer) {
+    if (answer.vehicle() == 0) ++undecodable_;
+    const auto at = of_.find(answer.vehicle());
+    if (at == of_.end()) return;
+    Said& said = at->second;
+    if (answer.run() == 0 && answer.step() == 0) said.there = true;
+    if (answer.run() == run_ && answer.step() <= sent_) said.done = std::max(said.done, answer.step());
+  }
+
+  const std::uint64_t run_;
   std::mutex mutex_;
   std::condition_variable changed_;
-  std::map<std::uint32_t, std::pair<std::uint64_t, std::uint32_t>> last_;
+  std::map<std::uint32_t, Said> of_;
+  std::uint32_t sent_ = 0;
   std::uint64_t undecodable_ = 0;
+};
+
+/// Other participants that write steps.
+class Others final : public edds::DataReaderListener {
+ public:
+  void on_subscription_matched(edds::DataReader* reader, const edds::SubscriptionMatchedStatus& status) override {
+    const auto writer = eprosima::fastrtps::rtps::iHandle2GUID(status.last_publication_handle);
+    if (writer.guidPrefix == reader->guid().guidPrefix) return;
+    const std::lock_guard lock(mutex_);
+    if (status.current_count_change > 0) writers_.insert(writer);
+    else writers_.erase(writer);
+    changed_.notify_all();
+  }
+
+  /// Whether there is one, within the time, before which `own` gives way; none: before any.
+  bool there(std::chrono::milliseconds time, const std::optional<eprosima::fastrtps::rtps::GUID_t>& own) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, time, [&] { return !writers_.empty() && (!own || *writers_.begin() < *own); });
+  }
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  std::set<eprosima::fastrtps::rtps::GUID_t> writers_;
 };
 
 std::string text_of(double seconds) {
@@ -91,11 +139,34 @@ std::string listed(const std::vector<std::uint32_t>& vehicles) {
 }  // namespace
 
 struct SensorTopics::Impl {
-  Impl(const TopicOptions& topic_options, std::uint64_t run_number)
+  Impl(const TopicOptions& topic_options, const std::vector<SourceVehicle>& vehicles, std::uint64_t run_number)
       : options(topic_options),
         run(run_number),
+        answers(vehicles, run),
         sensors(options.sensor_domain, "convoy simulator: sensors"),
-        truths(options.truth_domain, "convoy simulator: truth") {}
+        truths(options.truth_domain, "convoy simulator: truth") {
+    sensors.reader(edds::TypeSupport(new Guarded<wire::StepPubSubType>), "convoy/sensors/v1/Step", &others);
+    claim_domain();
+    calibration = writer<wire::CameraCalibrationPubSubType>(sensors, "CameraCalibration", 1);
+    frames = writer<wire::CameraFramePubSubType>(sensors, "CameraFrame", 4);
+    odometry = writer<wire::OdometryPubSubType>(sensors, "Odometry", 400);
+    gps = writer<wire::GpsPubSubType>(sensors, "Gps", 400);
+    truth = writer<wire::TruthPubSubType>(truths, "Truth", 400);
+    if (options.depth) depth = writer<wire::TruthDepthPubSubType>(truths, "TruthDepth", 2);
+    sensors.reader(edds::TypeSupport(new Guarded<wire::StepDonePubSubType>), "convoy/sensors/v1/StepDone", &answers);
+  }
+
+  /// Who writes steps has the domain, and need not look again: who comes later finds that writer, and makes none. Of
+  /// two that began at once neither has found one, so both have made theirs: one of them gives way.
+  void claim_domain() {
+    const auto taken = [&] {
+      return SetUpError("another simulator speaks on domain " + std::to_string(options.sensor_domain) +
+                        "; end it, or take another domain by --domain-sensors");
+    };
+    if (others.there(std::chrono::milliseconds(1000), {})) throw taken();
+    steps = writer<wire::StepPubSubType>(sensors, "Step", 400);
+    if (others.there(std::chrono::milliseconds(500), steps->guid())) throw taken();
+  }
 
   template <class PubSubType>
   edds::DataWriter* writer(LocalDomain& domain, const std::string& type, int samples) {
@@ -112,35 +183,18 @@ struct SensorTopics::Impl {
                           text_of(options.deadline_s));
   }
 
-  /// Of two that send the same vehicles, the later gives up.
-  void expect_no_other(std::uint32_t step) const {
-    edds::SubscriptionMatchedStatus status;
-    others->get_subscription_matched_status(status);
-    if (step <= 3 && status.current_count > 1)
-      throw SetUpError("another simulator speaks on domain " + std::to_string(options.sensor_domain) +
-                       "; end it, or take another domain by --domain-sensors");
-  }
-
   const TopicOptions options;
   const std::uint64_t run;
   std::uint64_t unsent = 0;
-  Answers answers;  // before the domains, so that it outlives them
+  Others others;  // before the domains, so that they outlive them
+  Answers answers;
   LocalDomain sensors, truths;
-  edds::DataWriter* calibration = writer<wire::CameraCalibrationPubSubType>(sensors, "CameraCalibration", 1);
-  edds::DataWriter* frames = writer<wire::CameraFramePubSubType>(sensors, "CameraFrame", 4);
-  edds::DataWriter* odometry = writer<wire::OdometryPubSubType>(sensors, "Odometry", 400);
-  edds::DataWriter* gps = writer<wire::GpsPubSubType>(sensors, "Gps", 400);
-  edds::DataWriter* steps = writer<wire::StepPubSubType>(sensors, "Step", 400);
-  edds::DataWriter* truth = writer<wire::TruthPubSubType>(truths, "Truth", 400);
-  edds::DataWriter* depth = options.depth ? writer<wire::TruthDepthPubSubType>(truths, "TruthDepth", 2) : nullptr;
-  edds::DataReader* others =  // is matched with every writer of steps, this one's too
-      sensors.reader(edds::TypeSupport(new Guarded<wire::StepPubSubType>), "convoy/sensors/v1/Step", nullptr);
-  edds::DataReader* done =
-      sensors.reader(edds::TypeSupport(new Guarded<wire::StepDonePubSubType>), "convoy/sensors/v1/StepDone", &answers);
+  edds::DataWriter *steps = nullptr, *calibration = nullptr, *frames = nullptr, *odometry = nullptr, *gps = nullptr,
+                   *truth = nullptr, *depth = nullptr;
 };
 
 SensorTopics::SensorTopics(const TopicOptions& options, const std::vector<SourceVehicle>& vehicles, std::uint64_t run)
-    : impl_(std::make_unique<Impl>(options, run)) {
+    : impl_(std::make_unique<Impl>(options, vehicles, run)) {
   for (const SourceVehicle& vehicle : vehicles)
     impl_->write(impl_->calibration, calibration_sample(run, vehicle.vehicle, vehicle.camera));
 }
@@ -149,7 +203,7 @@ SensorTopics::~SensorTopics() = default;
 
 void SensorTopics::publish(const StepData& step) {
   const std::uint64_t run = impl_->run;
-  impl_->expect_no_other(step.step);
+  impl_->answers.sends(step.step);
   for (const VehicleStep& of_vehicle : step.vehicles) {
     const std::uint32_t vehicle = of_vehicle.vehicle;
     impl_->write(impl_->truth, truth_sample(run, step, of_vehicle));
@@ -171,8 +225,7 @@ bool SensorTopics::wait_for(const std::vector<std::uint32_t>& vehicles, std::uin
                                            std::chrono::duration<double>(impl_->options.deadline_s));
   for (;;) {
     const auto now = Clock::now();
-    const auto missing = impl_->answers.wait(vehicles, step == 0 ? 0 : impl_->run, step,
-                                             std::min(deadline, now + std::chrono::milliseconds(100)));
+    const auto missing = impl_->answers.wait(vehicles, step, std::min(deadline, now + std::chrono::milliseconds(100)));
     if (missing.empty()) return true;
     if (stop()) return false;
     if (now < deadline) continue;

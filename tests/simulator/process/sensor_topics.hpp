@@ -20,14 +20,14 @@ struct TopicOptions {
 
 class SensorTopics {
  public:
-  /// Publishes the calibrations. `run` is a number unlike that of the run before. Throws std::runtime_error.
+  /// Listens for another simulator on the domain for 1.5 s, then publishes the calibrations. `run` is a number unlike
+  /// that of the run before. Throws SetUpError if there is one: of two, the one that began first goes on.
   SensorTopics(const TopicOptions& options, const std::vector<SourceVehicle>& vehicles, std::uint64_t run);
   ~SensorTopics();
   SensorTopics(const SensorTopics&) = delete;
   SensorTopics& operator=(const SensorTopics&) = delete;
 
-  /// Throws SetUpError if another simulator turns out to speak on the domain, DeadlineError in lock-step if a
-  /// subscriber does not take what is sent.
+  /// Throws DeadlineError in lock-step if a subscriber does not take what is sent.
   void publish(const StepData& step);
 
   /// Waits until each of the vehicles has said that it is done with the step; 0: that it is there. Throws DeadlineError

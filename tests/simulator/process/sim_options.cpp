@@ -3,6 +3,7 @@
 #include <CLI/CLI.hpp>
 
 #include <cstdio>
+#include <sstream>
 
 namespace convoy::simulator {
 namespace {
@@ -14,6 +15,19 @@ const CLI::Validator whole_number(
       return digits ? std::string() : "'" + text + "' is no whole number from 0 on";
     },
     "");
+
+/// Both ends included. CLI::Range lets through what is not a number ("nan").
+CLI::Validator number_in(double low, double high) {
+  return CLI::Validator(
+      [=](std::string& text) {
+        double value = 0.0;
+        if (CLI::detail::lexical_cast(text, value) && value >= low && value <= high) return std::string();
+        std::ostringstream fault;
+        fault << "'" << text << "' is no number from " << low << " to " << high;
+        return fault.str();
+      },
+      "");
+}
 
 /// "640x480" as two numbers; false if it is none.
 bool read_size(const std::string& text, int& width, int& height) {
@@ -43,16 +57,16 @@ void add_vehicles(CLI::App& app, SimOptions& options) {
   app.add_option("--vehicles", options.vehicles, "how many, numbered from 1 on, 1 to 100 (default: 1)")
       ->check(CLI::Range(1, 100));
   app.add_option("--gap", options.gap_m, "metres from one to the next, 0 to 10000 (default: 20)")
-      ->check(CLI::Range(0.0, 10000.0));
+      ->check(number_in(0.0, 10000.0));
   app.add_option("--offset", options.offset_m,
                  "metres to the left of the route, of each vehicle, comma-separated, -20 to 20 (default: 0)")
       ->delimiter(',')
-      ->check(CLI::Range(-20.0, 20.0));
-  app.add_option("--speed", options.speed_mps, "m/s, 0.1 to 10 (default: 2)")->check(CLI::Range(0.1, 10.0));
+      ->check(number_in(-20.0, 20.0));
+  app.add_option("--speed", options.speed_mps, "m/s, 0.1 to 10 (default: 2)")->check(number_in(0.1, 10.0));
   app.add_option("--duration", options.duration_s, "simulated seconds, 0.1 to 100000 (default: once along the route)")
-      ->check(CLI::Range(0.1, 100000.0));
+      ->check(number_in(0.1, 100000.0));
   app.add_option("--distance", options.distance_m, "metres of the first vehicle, 0.1 to 1000000")
-      ->check(CLI::Range(0.1, 1e6));
+      ->check(number_in(0.1, 1e6));
 }
 
 void add_topics(CLI::App& app, SimOptions& options) {
@@ -62,12 +76,12 @@ void add_topics(CLI::App& app, SimOptions& options) {
       ->check(CLI::Range(0, 232));
   app.add_flag("--lock-step", options.lock_step, "each step waits until all vehicles have done it");
   app.add_option("--rate", options.rate, "simulated seconds per second, 0.01 to 1000 (default: 1)")
-      ->check(CLI::Range(0.01, 1000.0));
+      ->check(number_in(0.01, 1000.0));
   app.add_option("--wait-for", options.wait_for,
                  "the first so many vehicles, before the first step (default: in lock-step all, else none)")
       ->check(CLI::Range(0, 100));
   app.add_option("--deadline", options.deadline_s, "seconds for a vehicle's answer, 0.1 to 86400 (default: 30)")
-      ->check(CLI::Range(0.1, 86400.0));
+      ->check(number_in(0.1, 86400.0));
 }
 
 /// What is wrong with options that are right each by itself.
@@ -77,7 +91,13 @@ std::string fault_of(const SimOptions& options, const CLI::App& app) {
   if (!options.replay.empty() && !options.record.empty()) return "--record and --replay exclude each other";
   if (options.lock_step && app.count("--rate") > 0)
     return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";
-  if (options.replay.empty()) return {};
+  if (options.as_is && options.replay.empty()) return "--as-is is of recordings; name one by --replay";
+  if (options.replay.empty()) {
+    if (options.wait_for.value_or(0) > options.vehicles)
+      return "--wait-for " + std::to_string(*options.wait_for) + ": there are only " +
+             std::to_string(options.vehicles) + " vehicles";
+    return {};
+  }
   for (const char* of_world :
        {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap", "--offset", "--speed",
         "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth", "--snapshot"})
@@ -98,15 +118,19 @@ ParsedOptions parse_options(int argc, char** argv) {
   app.add_option("--camera", size, "pixels, like 640x480 (the default) or 512x384")->check(picture_size);
   app.add_option("--drop", options.drop_probability,
                  "share of the frames that the camera drops, 0 to 1 (default: 0.002)")
-      ->check(CLI::Range(0.0, 1.0));
+      ->check(number_in(0.0, 1.0));
   app.add_option("--gps", options.gps, "none (the default), standard or rtk")
       ->check(CLI::IsMember({"none", "standard", "rtk"}));
   app.add_flag("--truth-depth", options.depth, "the truth tells the distance of each pixel, too");
   add_topics(app, options);
   app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed");
   app.add_option("--replay", options.replay, "publish a recording instead of a world");
+  app.add_flag("--as-is", options.as_is, "replay a recording that was cut or changed, too, as far as it goes");
   app.add_option("--snapshot", options.snapshot,
                  "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
+  app.footer(
+      "Exit status: 0 at the end; 1 a vehicle or another subscriber did not answer in time; 2 what was asked for\n"
+      "cannot be done; 128 + the signal if it was stopped (SIGINT 130, SIGTERM 143).");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -38,6 +38,7 @@ struct SimOptions {
   double deadline_s = 30.0;     ///< for a vehicle's answer, wall time
 
   std::filesystem::path record, replay, snapshot;
+  bool as_is = false;  ///< replay even what is not as it was recorded
   bool list_routes = false;
 
   std::string command_line;  ///< the words after `convoy sim`

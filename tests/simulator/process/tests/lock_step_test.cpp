@@ -73,11 +73,16 @@ TEST(LockStep, IsTheSameFromOneProcessToTheNextHoweverSlowTheVehicles) {
 }
 
 TEST(LockStep, NamesTheVehicleThatDoesNotAnswer) {
-  Fleet fleet("--vehicles 2 --deadline 4" + small, {"", "--silent-from 3"});
+  const ScratchFolder scratch;
+  Fleet fleet("--vehicles 2 --deadline 4 --record " + (scratch / "recording").string() + small,
+              {"", "--silent-from 3"});
   EXPECT_EQ(fleet.sim->wait(), 1);
   EXPECT_NE(fleet.sim->output().find("vehicle 2 did not answer step 3 within 4 s"), std::string::npos)
       << fleet.sim->output();
   EXPECT_EQ(steps_of(fleet.said(1)), 3U);
+  const std::string end = read_text(scratch / "recording/end.json");
+  EXPECT_NE(end.find("\"steps\": 3"), std::string::npos) << end;
+  EXPECT_NE(end.find("\"complete\": false"), std::string::npos) << end;
 }
 
 TEST(LockStep, NamesTheVehicleThatDoesNotAppear) {
@@ -89,6 +94,12 @@ TEST(LockStep, NamesTheVehicleThatDoesNotAppear) {
 
 TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
   Fleet fleet("--vehicles 2 --wait-for 1" + small, {""});
+  fleet.expect_success();
+  EXPECT_EQ(steps_of(fleet.said(1)), 20U);
+}
+
+TEST(LockStep, AnswersThatComeLateDoNotTakeBackThoseBefore) {
+  Fleet fleet("--deadline 5" + small, {"--stale 1"});
   fleet.expect_success();
   EXPECT_EQ(steps_of(fleet.said(1)), 20U);
 }
@@ -133,18 +144,35 @@ TEST(Topics, AreOnTheLoopbackDeviceAlone) {
     EXPECT_TRUE(address == "0100007F" || address == "0100FFEF") << address << ": neither 127.0.0.1 nor 239.255.0.1";
 }
 
-TEST(Topics, TwoSimulatorsDoNotSpeakOnOneDomain) {
-  Fleet first("--rate 1 --duration 1000" + block, {""});
+/// Until the vehicle has said so many steps; false: it has not.
+bool waits_for_steps(const Fleet& fleet, std::size_t count) {
   const auto deadline = steady_clock::now() + std::chrono::seconds(20);
-  while (steps_of(first.said(1)) < 4 && steady_clock::now() < deadline)
+  while (steps_of(fleet.said(1)) < count) {
+    if (steady_clock::now() > deadline) return false;
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  Fleet second("--rate 1 --duration 1000" + block, {});
+  }
+  return true;
+}
+
+const std::string other_speaks = "another simulator speaks on domain";
+
+TEST(Topics, OfTwoSimulatorsOnOneDomainTheLaterGivesUp) {
+  Fleet first("--rate 0.1 --duration 1000" + block, {""});  // a step in a second
+  ASSERT_TRUE(waits_for_steps(first, 1)) << first.sim->output();
+  Fleet second("--rate 1 --duration 1000" + block, {});  // before the third step of the first
   EXPECT_EQ(second.sim->wait(), 2);
-  EXPECT_NE(second.sim->output().find("another simulator speaks on domain"), std::string::npos) << second.sim->output();
-  const std::size_t steps = steps_of(first.said(1));
-  while (steps_of(first.said(1)) < steps + 3 && steady_clock::now() < deadline)
+  EXPECT_NE(second.sim->output().find(other_speaks), std::string::npos) << second.sim->output();
+  EXPECT_TRUE(waits_for_steps(first, 5)) << "the first one goes on: " << first.sim->output();
+}
+
+TEST(Topics, OfTwoSimulatorsThatStartAtOnceOneGivesUp) {
+  Fleet one("--rate 1 --duration 1000" + block, {""}), other("--rate 1 --duration 1000" + block, {});
+  const auto gave_up = [](const Fleet& fleet) { return fleet.sim->output().find(other_speaks) != std::string::npos; };
+  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  while (!gave_up(one) && !gave_up(other) && steady_clock::now() < deadline)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  EXPECT_GE(steps_of(first.said(1)), steps + 3) << "the first one goes on";
+  EXPECT_TRUE(waits_for_steps(one, 20)) << one.sim->output() << other.sim->output();  // of whichever is left
+  EXPECT_NE(gave_up(one), gave_up(other)) << one.sim->output() << other.sim->output();
 }
 
 TEST(WallClock, KeepsToTheRate) {
@@ -182,12 +210,16 @@ TEST(Recording, EndsWithARunThatIsEnded) {
        rows() < 4 && steady_clock::now() < deadline;)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   live.sim->send(SIGTERM);
-  EXPECT_EQ(live.sim->wait(), 0) << live.sim->output();
+  EXPECT_EQ(live.sim->wait(), 128 + SIGTERM) << live.sim->output();
   const std::size_t steps = rows() - 1;
   EXPECT_GE(steps, 3U);
+  EXPECT_NE(live.sim->output().find("stopped at step " + std::to_string(steps)), std::string::npos)
+      << live.sim->output();
   Fleet replay("--lock-step --replay " + folder, {""});
   replay.expect_success();
   EXPECT_EQ(steps_of(replay.said(1)), steps);
+  EXPECT_NE(replay.sim->output().find("the run was stopped at step " + std::to_string(steps)), std::string::npos)
+      << replay.sim->output();
 }
 
 }  // namespace

@@ -34,6 +34,7 @@ struct Options {
   std::uint32_t silent_from = 0;   // step from which it does not answer any more; 0: it does
   int delay_ms = 0;                // for each step
   bool garbage = false;            // answers first what nobody can read
+  bool stale = false;              // says after each answer once more that it is there, and another step of another run
   std::uint32_t truth_domain = 0;  // where it hears the truth, as a judge would; 0: it does not
 };
 
@@ -47,6 +48,7 @@ Options options_of(int argc, char** argv) {
     if (name == "--silent-from") options.silent_from = value;
     if (name == "--delay-ms") options.delay_ms = static_cast<int>(value);
     if (name == "--garbage") options.garbage = value != 0;
+    if (name == "--stale") options.stale = value != 0;
     if (name == "--truth-domain") options.truth_domain = value;
   }
   return options;
@@ -150,6 +152,7 @@ class Vehicle {
       std::this_thread::sleep_for(std::chrono::milliseconds(options_.delay_ms));
       if (options_.silent_from == 0 || step.header().step() < options_.silent_from)
         answer(step.header().run(), step.header().step());
+      if (options_.stale) answer(0, 0), answer(step.header().run(), 0), answer(step.header().run() + 1, 1);
       if (step.last()) break;
     }
     v1::CameraCalibration calibration;
