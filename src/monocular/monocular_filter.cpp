@@ -147,7 +147,7 @@ FrameReport MonocularFilter::update(double stamp_s, double abscissa_m,
   report.inliers = static_cast<int>(inliers.size());
   note(matches, inliers, joint.S);
   if (!inliers.empty()) correct(matches, inliers, joint, report);
-  count_failure(report);
+  count_failure(report, seen.size());
   follow_candidates(seen);
   clone_if_due(stamp_s, abscissa_m, seen);
   report.started = start_landmarks();
@@ -231,11 +231,17 @@ void MonocularFilter::score_slip(const Matches& inliers, const Eigen::LLT<Matrix
   if (slip_monitor_.slips({score(0), score(5)})) slipping_ = params_.slip_window;
 }
 
-void MonocularFilter::count_failure(const FrameReport& report) {
-  if (report.matched < params_.min_inliers) return;
-  const bool failing = report.inliers < params_.min_inliers || 4 * report.inliers < report.matched;
-  if (failing) ++counters_.failing_frames;
-  failing_ = std::max(0, failing_ + (failing ? 1 : -1));
+// An image with little in it says nothing, not even that something is wrong.
+void MonocularFilter::count_failure(const FrameReport& report, std::size_t observations) {
+  if (observations < static_cast<std::size_t>(params_.min_inliers)) return;
+  if (report.inliers >= params_.min_inliers && 4 * report.inliers >= report.matched) {
+    failing_ = 0;
+    failing_m_ = 0.0;
+    return;
+  }
+  ++counters_.failing_frames;
+  ++failing_;
+  failing_m_ += step_.length_m;
 }
 
 }  // namespace convoy

@@ -56,7 +56,7 @@ struct MonocularCounters {
   std::uint64_t landmarks_unfit = 0;  ///< converged, but did not meet the freeze rule when they had to leave
   std::uint64_t standstill_frames = 0;
   std::uint64_t slip_frames = 0;
-  std::uint64_t failing_frames = 0;  ///< matched enough, but too few agreed
+  std::uint64_t failing_frames = 0;  ///< enough was seen, but too few landmarks agreed
 };
 
 class MonocularFilter {
@@ -74,7 +74,8 @@ class MonocularFilter {
   std::vector<std::size_t> freezable(bool also_in_view) const;
   /// These leave, and those that could have but do not meet the freeze rule; the current pose becomes the anchor.
   void freeze(double abscissa_m, const std::vector<std::size_t>& landmarks);
-  bool lost() const { return failing_ >= params_.lost_frames; }
+  /// Images are there, but for long no landmarks in them that agree.
+  bool lost() const { return failing_ >= params_.lost_frames && failing_m_ >= params_.lost_length_m; }
   std::size_t candidates() const { return candidates_.size(); }
   /// The track is a landmark or a candidate.
   bool follows(std::uint64_t track) const { return tracks_.count(track) > 0 || candidates_.count(track) > 0; }
@@ -117,7 +118,7 @@ class MonocularFilter {
   void score_slip(const Matches& inliers, const Eigen::LLT<Eigen::MatrixXd>& S, const Eigen::VectorXd& innovation);
   void note(const Matches& matches, const std::vector<std::size_t>& inliers, const Eigen::MatrixXd& S);
   bool stands(const Matches& matches, const Eigen::MatrixXd& S) const;
-  void count_failure(const FrameReport& report);
+  void count_failure(const FrameReport& report, std::size_t observations);
   SE3::Tangent slip_variance() const;
 
   void follow_candidates(const std::vector<FeatureObservation>& observations);
@@ -145,7 +146,8 @@ class MonocularFilter {
   OdometryStep step_;  // since the last update
   double clone_abscissa_m_ = -1e9, trail_abscissa_m_ = 0.0;
   int slipping_ = 0;  // frames that the step is more uncertain for
-  int failing_ = 0;
+  int failing_ = 0;  // frames, and path, since the last one that went well
+  double failing_m_ = 0.0;
   MonocularCounters counters_;
 };
 

@@ -37,6 +37,7 @@ void validate(const MonocularParams& p) {
               p.linearity > 0,
           "needs 0 < max_depth_share <= 1, and depths, distances and linearity > 0");
   require(p.slip_share >= 0 && p.slip_yaw_rad >= 0 && p.slip_threshold > 0, "needs slips >= 0, slip_threshold > 0");
+  require(p.lost_length_m >= 0, "lost_length_m must be >= 0");
   require(p.max_sigma_m > 0, "max_sigma_m must be > 0");
   require(p.segment_length_m > 0 && p.max_segment_length_m >= p.segment_length_m && p.min_batch >= 1,
           "needs 0 < segment_length_m <= max_segment_length_m and min_batch >= 1");

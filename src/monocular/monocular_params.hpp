@@ -49,8 +49,9 @@ struct MonocularParams {
   int slip_window = 10;         ///< frames
 
   // Loss.
-  int min_inliers = 6;   ///< fewer, though as many were matched, is a failing frame
-  int lost_frames = 25;  ///< failing frames, less the good ones since, that make it lost
+  int min_inliers = 6;          ///< fewer, though as many tracks were seen, is a failing frame
+  int lost_frames = 25;         ///< failing frames in a row, ...
+  double lost_length_m = 15.0;  ///< and path driven during them, that make it lost
 
   // Freeze rule: a landmark that has left the view may leave the filter when all hold (DESIGN B3).
   int min_sightings = 5;         ///< inliers

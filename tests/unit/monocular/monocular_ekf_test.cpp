@@ -218,28 +218,18 @@ TEST(MonocularEkf, PredictsWhereItWillSee) {
   EXPECT_GE(candidates_found, candidates * 8 / 10);
 }
 
-TEST(MonocularEkf, IsLostWhenImagesMakeNoSenseForLong) {
-  test::MonocularWorldParams world;
-  world.length_m = 200.0;
-  test::MonocularWorld street(MonocularParams(), world, 8);
-  bool nonsense = false;
-  test::Random random(1);
-  MonocularEkf& ekf = street.ekf();
-  for (int k = 0; k < 400 && !ekf.lost(); ++k) {
-    const double t = 0.1 * k;
-    ekf.on_odometry(t, 3.0, 0.0);
-    nonsense = k > 60;
-    std::vector<FeatureObservation> found;
-    for (const auto& p : ekf.predictions(t))
-      found.push_back({p.track, nonsense ? Eigen::Vector2d(random.uniform(5, 630), random.uniform(5, 470)) : p.pixel});
-    for (std::uint64_t i = 0; i < 40; ++i) {  // a wall of points 3 m beside, passing
-      const std::uint64_t track = 40U * static_cast<std::uint64_t>(k) + i + 1;
-      if (ekf.follows(track) || found.size() >= 40) continue;
-      found.push_back({track, {random.uniform(5, 630), random.uniform(5, 470)}});
-    }
-    ekf.update(t, found);
+TEST(MonocularEkf, IsLostWhenImagesMakeNoSenseForLongAndNotWhenThereAreNone) {
+  for (const bool blank : {false, true}) {
+    test::MonocularWorldParams world;
+    world.length_m = 60.0;
+    world.outliers = 0.0;
+    world.nonsense = [&](double t) { return t > 6.0 && !blank; };
+    world.lost = [&](double t) { return t > 6.0 && blank; };
+    test::MonocularWorld street(MonocularParams(), world, 8);
+    street.run();
+    EXPECT_EQ(street.ekf().lost(), !blank);
+    EXPECT_EQ(street.driven_m() < 59.0, !blank);
   }
-  EXPECT_LE(ekf.counters().failing_frames, ekf.counters().frames);
 }
 
 TEST(MonocularEkf, ADescriptionGoesWithItsLandmark) {

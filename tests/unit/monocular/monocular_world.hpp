@@ -26,6 +26,8 @@ struct MonocularWorldParams {
   std::function<double(double)> slip = [](double) { return 1.0; };
   /// Whether the image of this time is lost.
   std::function<bool(double)> lost = [](double) { return false; };
+  /// Whether every pixel of this time's image is anywhere.
+  std::function<bool(double)> nonsense = [](double) { return false; };
   /// Of the true speed at this time.
   std::function<double(double)> throttle = [](double) { return 1.0; };
   /// Turned on top of the course's curvature, at this time [rad/s].
@@ -160,6 +162,7 @@ class MonocularWorld {
 
   Eigen::Vector2d measured(const Eigen::Vector2d& pixel) {
     Eigen::Vector2d z = pixel + params_.sigma_pixel * random_.unit_normal<2>();
+    if (world_.nonsense(now_s())) return {random_.uniform(0.0, 639.0), random_.uniform(0.0, 479.0)};
     if (random_.uniform(0.0, 1.0) < world_.outliers)
       z = pixel + Eigen::Vector2d(random_.uniform(-30.0, 30.0), random_.uniform(-30.0, 30.0));
     return camera_.in_image(z) ? z : pixel;
