@@ -12,6 +12,7 @@
 
 #include <cstdint>
 #include <map>
+#include <optional>
 #include <vector>
 
 namespace convoy {
@@ -125,6 +126,9 @@ class MonocularFilter {
   void clone_if_due(double stamp_s, double abscissa_m, const std::vector<FeatureObservation>& observations);
   int start_landmarks();
   bool start(std::uint64_t id, Candidate& candidate, bool& refused);
+  std::optional<Triangulation> fit(std::vector<ClonePixel>& pixels) const;
+  std::vector<TrackView> views_of(const std::vector<ClonePixel>& pixels) const;
+  std::optional<Linearised> linearise(const std::vector<ClonePixel>& pixels, const Triangulation& t) const;
   bool add(std::uint64_t id, const Candidate& candidate, const std::vector<ClonePixel>& pixels, const Triangulation& t);
   std::size_t anchor_of(const std::vector<ClonePixel>& pixels) const;
   void tidy();
@@ -146,7 +150,7 @@ class MonocularFilter {
   OdometryStep step_;  // since the last update
   double clone_abscissa_m_ = -1e9, trail_abscissa_m_ = 0.0;
   int slipping_ = 0;  // frames that the step is more uncertain for
-  int failing_ = 0;  // frames, and path, since the last one that went well
+  int failing_ = 0;   // frames, and path, since the last one that went well
   double failing_m_ = 0.0;
   MonocularCounters counters_;
 };

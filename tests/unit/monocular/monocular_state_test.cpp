@@ -66,7 +66,8 @@ TEST(MonocularState, TheJacobiansOfAViewAreThoseOfItsPixel) {
       const double step = 1e-6;
       const MonocularState plus = perturbed(state, i, step), minus = perturbed(state, i, -step);
       const Eigen::Vector2d numeric =
-          (view_of(plus, k, camera, plus.pose())->pixel - view_of(minus, k, camera, minus.pose())->pixel) / (2.0 * step);
+          (view_of(plus, k, camera, plus.pose())->pixel - view_of(minus, k, camera, minus.pose())->pixel) /
+          (2.0 * step);
       ASSERT_LT((H.col(i) - numeric).norm(), 1e-4 * (1.0 + H.norm())) << "landmark " << k << ", column " << i;
     }
   }
