@@ -10,17 +10,17 @@ struct MonocularParams {
   double sigma_along_per_sqrt_m = 0.02;      ///< [m/sqrt(m)] along the path, of the distance driven
   double sigma_along_per_sqrt_rad = 0.0;     ///< [m/sqrt(rad)] along the path, of the angle turned
   double sigma_across_per_sqrt_m = 0.01;     ///< [m/sqrt(m)] sideways
-  double sigma_heading_per_sqrt_m = 0.0015;  ///< [rad/sqrt(m)] of the distance driven
-  double sigma_heading_per_sqrt_rad = 0.01;  ///< [rad/sqrt(rad)] of the angle turned
+  double sigma_heading_per_sqrt_m = 0.001;  ///< [rad/sqrt(m)] of the distance driven
+  double sigma_heading_per_sqrt_rad = 0.004;  ///< [rad/sqrt(rad)] of the angle turned
   double sigma_heading_per_sqrt_s = 0.0;     ///< [rad/sqrt(s)] while moving
   double sigma_vertical_per_sqrt_m = 0.01;   ///< [m/sqrt(m)] upwards
-  double sigma_tilt_per_sqrt_m = 0.003;      ///< [rad/sqrt(m)] roll and pitch each, by the road
+  double sigma_tilt_per_sqrt_m = 0.001;      ///< [rad/sqrt(m)] roll and pitch each, by the road
   double distance_scale = 1.0;               ///< calibration: true distance per metre of odometry, > 0
   double angle_scale = 1.0;                  ///< calibration: true angle per radian of odometry, > 0
   /// Standard deviation of what the calibration leaves of the distance scale. It is considered, never estimated: one
   /// camera cannot see it.
   double sigma_scale = 0.0;
-  double sigma_yaw_bias_radps = 0.002;           ///< [rad/s] of the yaw rate's bias at the start
+  double sigma_yaw_bias_radps = 0.0003;           ///< [rad/s] of the yaw rate's bias at the start
   double sigma_yaw_bias_walk_per_sqrt_s = 1e-5;  ///< [rad/s/sqrt(s)] of its random walk
   double max_odometry_gap_s = 2.0;               ///< a longer silence of the odometry counts as this long
 
@@ -35,7 +35,7 @@ struct MonocularParams {
   double clone_spacing_m = 0.4;           ///< path between two clones of the pose
   int max_window = 12;                    ///< clones that candidates are triangulated over
   int min_views = 4;                      ///< >= 3
-  double max_depth_share = 0.25;          ///< largest sigma of the inverse depth, of the inverse depth
+  double max_depth_share = 0.5;          ///< largest sigma of the inverse depth, of the inverse depth
   double candidate_confidence = 0.99;     ///< chi-square confidence of a candidate's pixels
   double candidate_depth_m = 12.0;        ///< where a candidate of unknown depth is looked for, within a factor of 3
   double max_landmark_distance_m = 80.0;  ///< no landmark starts further away

@@ -71,6 +71,8 @@ class MonocularWorld {
   std::size_t point_of(std::uint64_t track) const { return followed_.at(track); }
   /// Truth at every frame.
   const std::map<double, SE3>& passed() const { return passed_; }
+  /// Truth at the last image.
+  const SE3& seen_from() const { return seen_from_; }
   std::vector<FrameReport> reports;
   std::size_t largest_state = 0;
 
@@ -100,6 +102,7 @@ class MonocularWorld {
     start_tracks(active, found);
     const auto report = ekf_.update(now_s(), found);
     if (report) reports.push_back(*report);
+    seen_from_ = truth();
     largest_state = std::max(largest_state, static_cast<std::size_t>(ekf_.filter().state().covariance().rows()));
     after_input();
   }
@@ -188,6 +191,7 @@ class MonocularWorld {
   CameraModel camera_;
   MonocularEkf ekf_;
   std::vector<Tick> course_;
+  SE3 seen_from_;
   double bias_ = 0.0, scale_ = 0.0;
   std::vector<Eigen::Vector3d> points_;
   std::vector<double> places_;  // along the course

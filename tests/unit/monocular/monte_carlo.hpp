@@ -46,7 +46,7 @@ struct MonteCarlo {
 inline void judge_relative(MonocularWorld& world, MonteCarlo& result) {
   const MonocularState& slam = world.ekf().filter().state();
   for (std::size_t i = 0; i < slam.landmarks().size(); ++i) {
-    const Eigen::Vector3d truth = world.truth().inverse() * world.points()[world.point_of(slam.landmarks()[i].id)];
+    const Eigen::Vector3d truth = world.seen_from().inverse() * world.points()[world.point_of(slam.landmarks()[i].id)];
     const Eigen::Matrix3d P = slam.relative_covariance({i});
     const Eigen::Vector3d error = slam.pose().inverse() * slam.position(i) - truth;
     const double nees = squared_mahalanobis(error, P);
