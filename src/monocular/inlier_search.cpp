@@ -33,6 +33,30 @@ std::vector<std::size_t> consensus(const VectorXd& r, const MatrixXd& S, std::si
   return agreeing;
 }
 
+// Without those that, one by one, do not lie within the gate given all the others: one match fixes little of a step
+// that is known badly. Of S^-1 r, divided by the diagonal block of S^-1, it is the error left out of a match.
+std::vector<std::size_t> pruned(const VectorXd& r, const MatrixXd& S, std::vector<std::size_t> inliers, double gate) {
+  while (inliers.size() > 2) {
+    const std::vector<Index> rows = pixel_rows(inliers);
+    const MatrixXd inverse =
+        Eigen::LLT<MatrixXd>(MatrixXd(S(rows, rows))).solve(MatrixXd::Identity(r(rows).size(), r(rows).size()));
+    const VectorXd g = inverse * r(rows);
+    std::size_t worst = 0;
+    double largest = 0.0;
+    for (std::size_t k = 0; k < inliers.size(); ++k) {
+      const Index at = 2 * static_cast<Index>(k);
+      const double chi2 = chi2_of(g.segment<2>(at), inverse.block<2, 2>(at, at));
+      if (chi2 > largest) {
+        largest = chi2;
+        worst = k;
+      }
+    }
+    if (largest < gate) break;
+    inliers.erase(inliers.begin() + static_cast<std::ptrdiff_t>(worst));
+  }
+  return inliers;
+}
+
 // Those of `others` that lie within the gate given all inliers.
 std::vector<std::size_t> rescued(const VectorXd& r, const MatrixXd& S, const std::vector<std::size_t>& inliers,
                                  const std::vector<std::size_t>& others, double gate) {
@@ -69,6 +93,7 @@ std::vector<std::size_t> find_inliers(const VectorXd& r, const MatrixXd& S, cons
     std::vector<std::size_t> agreeing = consensus(r, S, k, plausible, params.inlier_chi2);
     if (agreeing.size() > best.size()) best = std::move(agreeing);
   }
+  best = pruned(r, S, std::move(best), params.rescue_chi2);
   std::vector<std::size_t> others;
   std::set_difference(plausible.begin(), plausible.end(), best.begin(), best.end(), std::back_inserter(others));
   if (best.size() < 2 || others.empty()) return best;

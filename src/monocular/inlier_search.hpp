@@ -10,12 +10,12 @@ namespace convoy {
 struct InlierSearchParams {
   double gate_chi2 = 13.8;    ///< of a match by itself, 2 dof
   double inlier_chi2 = 5.99;  ///< of a match given one other
-  double rescue_chi2 = 9.21;  ///< of a match given all inliers
+  double rescue_chi2 = 9.21;  ///< of a match given all (other) inliers
 };
 
 /// Innovations of m matches (2m) and their joint covariance S (2m x 2m). What one match says about the others is
 /// S_jk S_kk^-1: the hypotheses, one per match, need no update of the filter, and all of them are tried. Returns the
-/// matches of the largest consensus and those rescued, ascending.
+/// matches of the largest consensus that stand the test against each other, and those rescued, ascending.
 std::vector<std::size_t> find_inliers(const Eigen::VectorXd& innovation, const Eigen::MatrixXd& S,
                                       const InlierSearchParams& params);
 
