@@ -197,6 +197,7 @@ void MonocularFilter::note(const Matches& matches, const std::vector<std::size_t
     Track& track = tracks_.at(state_.landmarks()[matches.matches[k].landmark].id);
     if (!std::binary_search(inliers.begin(), inliers.end(), k)) {
       ++track.rejections;
+      ++track.all_rejections;
       ++counters_.observations_outlying;
       continue;
     }
@@ -207,6 +208,7 @@ void MonocularFilter::note(const Matches& matches, const std::vector<std::size_t
       track.innovations.erase(track.innovations.begin());
     track.rejections = track.unseen = 0;
     ++track.sightings;
+    ++track.confirmations;
     ++counters_.observations_used;
   }
 }

@@ -86,7 +86,8 @@ class MonocularFilter {
  private:
   struct Track {         // of a landmark
     SE3 T_anchor_first;  // camera that saw it first
-    int sightings = 0, rejections = 0, unseen = 0;
+    int sightings = 0, confirmations = 0, unseen = 0;
+    int rejections = 0, all_rejections = 0;    // in a row; ever
     std::vector<Eigen::Vector2d> innovations;  // the latest, whitened
   };
   struct ClonePixel {

@@ -71,6 +71,8 @@ void MonocularFilter::drop_clones() {
 bool MonocularFilter::may_freeze(std::size_t i) const {
   if (!converges(i)) return false;
   const Track& track = tracks_.at(state_.landmarks()[i].id);
+  if (track.confirmations < params_.min_confirmations || track.all_rejections > track.confirmations) return false;
+  if (track.rejections > 1) return false;  // it left while it did not fit
   const auto n = static_cast<double>(track.innovations.size());
   double nis = 0.0;
   Vector2d sum = Vector2d::Zero();

@@ -27,8 +27,8 @@ void validate(const MonocularParams& p) {
               confidence(p.nis_confidence),
           "confidences must lie in (0, 1)");
   require(p.max_rejections >= 1 && p.max_unseen_frames >= 1 && p.min_inliers >= 1 && p.lost_frames >= 1 &&
-              p.slip_window >= 1 && p.min_sightings >= 1 && p.nis_window >= 1 && p.frozen_after_frames >= 1 &&
-              p.max_landmarks >= 1,
+              p.slip_window >= 1 && p.min_sightings >= 1 && p.min_confirmations >= 0 && p.nis_window >= 1 &&
+              p.frozen_after_frames >= 1 && p.max_landmarks >= 1,
           "counts must be positive");
   require(p.min_views >= 3 && p.max_window >= p.min_views && p.max_window <= 64,
           "needs 3 <= min_views <= max_window <= 64");

@@ -7,20 +7,20 @@ namespace convoy {
 
 struct MonocularParams {
   // Odometry noise, one standard deviation; see odometry_noise.hpp.
-  double sigma_along_per_sqrt_m = 0.02;      ///< [m/sqrt(m)] along the path, of the distance driven
-  double sigma_along_per_sqrt_rad = 0.0;     ///< [m/sqrt(rad)] along the path, of the angle turned
-  double sigma_across_per_sqrt_m = 0.01;     ///< [m/sqrt(m)] sideways
-  double sigma_heading_per_sqrt_m = 0.001;  ///< [rad/sqrt(m)] of the distance driven
+  double sigma_along_per_sqrt_m = 0.02;       ///< [m/sqrt(m)] along the path, of the distance driven
+  double sigma_along_per_sqrt_rad = 0.0;      ///< [m/sqrt(rad)] along the path, of the angle turned
+  double sigma_across_per_sqrt_m = 0.01;      ///< [m/sqrt(m)] sideways
+  double sigma_heading_per_sqrt_m = 0.001;    ///< [rad/sqrt(m)] of the distance driven
   double sigma_heading_per_sqrt_rad = 0.004;  ///< [rad/sqrt(rad)] of the angle turned
-  double sigma_heading_per_sqrt_s = 0.0;     ///< [rad/sqrt(s)] while moving
-  double sigma_vertical_per_sqrt_m = 0.01;   ///< [m/sqrt(m)] upwards
-  double sigma_tilt_per_sqrt_m = 0.001;      ///< [rad/sqrt(m)] roll and pitch each, by the road
-  double distance_scale = 1.0;               ///< calibration: true distance per metre of odometry, > 0
-  double angle_scale = 1.0;                  ///< calibration: true angle per radian of odometry, > 0
+  double sigma_heading_per_sqrt_s = 0.0;      ///< [rad/sqrt(s)] while moving
+  double sigma_vertical_per_sqrt_m = 0.01;    ///< [m/sqrt(m)] upwards
+  double sigma_tilt_per_sqrt_m = 0.001;       ///< [rad/sqrt(m)] roll and pitch each, by the road
+  double distance_scale = 1.0;                ///< calibration: true distance per metre of odometry, > 0
+  double angle_scale = 1.0;                   ///< calibration: true angle per radian of odometry, > 0
   /// Standard deviation of what the calibration leaves of the distance scale. It is considered, never estimated: one
   /// camera cannot see it.
   double sigma_scale = 0.0;
-  double sigma_yaw_bias_radps = 0.0003;           ///< [rad/s] of the yaw rate's bias at the start
+  double sigma_yaw_bias_radps = 0.0003;          ///< [rad/s] of the yaw rate's bias at the start
   double sigma_yaw_bias_walk_per_sqrt_s = 1e-5;  ///< [rad/s/sqrt(s)] of its random walk
   double max_odometry_gap_s = 2.0;               ///< a longer silence of the odometry counts as this long
 
@@ -35,8 +35,8 @@ struct MonocularParams {
   double clone_spacing_m = 0.4;           ///< path between two clones of the pose
   int max_window = 12;                    ///< clones that candidates are triangulated over
   int min_views = 4;                      ///< >= 3
-  double max_depth_share = 0.5;          ///< largest sigma of the inverse depth, of the inverse depth
-  double candidate_confidence = 0.99;     ///< chi-square confidence of a candidate's pixels
+  double max_depth_share = 0.5;           ///< largest sigma of the inverse depth, of the inverse depth
+  double candidate_confidence = 0.95;     ///< chi-square confidence of a candidate's pixels
   double candidate_depth_m = 12.0;        ///< where a candidate of unknown depth is looked for, within a factor of 3
   double max_landmark_distance_m = 80.0;  ///< no landmark starts further away
   int max_landmarks = 250;                ///< in the state at once; beyond, none starts
@@ -54,7 +54,8 @@ struct MonocularParams {
   double lost_length_m = 15.0;  ///< and path driven during them, that make it lost
 
   // Freeze rule: a landmark that has left the view may leave the filter when all hold (DESIGN B3).
-  int min_sightings = 5;         ///< inliers
+  int min_sightings = 5;         ///< inliers, those it was started from included
+  int min_confirmations = 3;     ///< of them after its start
   double max_sigma_m = 0.4;      ///< largest axis of its covariance relative to the closing anchor
   double nis_confidence = 0.99;  ///< its last innovations lie within this chi-square bound, their sum too
   int nis_window = 10;
