@@ -39,7 +39,9 @@ void MonocularFilter::tidy() {
     const Track& track = tracks_.at(l.id);
     const bool behind = l.clone != 0 && !(l.inverse_depth > 1e-4);
     const bool forgotten = track.unseen > params_.max_unseen_frames && !converges(i);
-    if (behind || forgotten || track.rejections >= params_.max_rejections) dropped.push_back(i);
+    // It was matched where it should not have been, and is not seen any more.
+    const bool misfit = track.rejections > 1 && track.unseen >= track.rejections + params_.frozen_after_frames;
+    if (behind || forgotten || misfit || track.rejections >= params_.max_rejections) dropped.push_back(i);
     else if (l.clone != 0 && linearity(i) < params_.linearity) state_.make_point(i);
   }
   counters_.landmarks_dropped += dropped.size();

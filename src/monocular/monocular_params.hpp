@@ -32,8 +32,8 @@ struct MonocularParams {
   int max_unseen_frames = 20;  ///< then a landmark that has not converged is dropped
 
   // Late initialisation.
-  double clone_spacing_m = 0.4;           ///< path between two clones of the pose
-  int max_window = 12;                    ///< clones that candidates are triangulated over
+  double clone_spacing_m = 0.25;          ///< path between two clones of the pose
+  int max_window = 16;                    ///< clones that candidates are triangulated over
   int min_views = 4;                      ///< >= 3
   double max_depth_share = 0.5;           ///< largest sigma of the inverse depth, of the inverse depth
   double candidate_confidence = 0.95;     ///< chi-square confidence of a candidate's pixels
