@@ -19,7 +19,7 @@ struct MonocularParams {
   double angle_scale = 1.0;                   ///< calibration: true angle per radian of odometry, > 0
   /// Standard deviation of what the calibration leaves of the distance scale. It is considered, never estimated: one
   /// camera cannot see it.
-  double sigma_scale = 0.0;
+  double sigma_scale = 0.005;
   double sigma_yaw_bias_radps = 0.0003;          ///< [rad/s] of the yaw rate's bias at the start
   double sigma_yaw_bias_walk_per_sqrt_s = 1e-5;  ///< [rad/s/sqrt(s)] of its random walk
   double max_odometry_gap_s = 2.0;               ///< a longer silence of the odometry counts as this long

