@@ -4,6 +4,8 @@
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <iterator>
+#include <utility>
 
 namespace convoy {
 

@@ -5,6 +5,7 @@
 #include "monocular_world.hpp"
 
 #include <gtest/gtest.h>
+#include <Eigen/LU>
 
 namespace convoy {
 namespace {
