@@ -1,4 +1,5 @@
 #include <convoy/config_error.hpp>
+#include <convoy/frontend/odometry_noise.hpp>
 #include <convoy/frontend/range_bearing_ekf.hpp>
 #include <convoy/geometry/chi2.hpp>
 #include <convoy/geometry/covariance.hpp>
@@ -126,25 +127,12 @@ void RangeBearingEkf<G>::advance_to(double stamp_s) {
 
 template <class G>
 void RangeBearingEkf<G>::move(double distance_m, double angle_rad, double dt_s) {
-  const double length = std::abs(distance_m), angle = std::abs(angle_rad);
+  const double length = std::abs(distance_m);
   abscissa_m_ += length;
-  const auto square = [](double x) { return x * x; };
-  const double along =
-      square(params_.sigma_along_per_sqrt_m) * length + square(params_.sigma_along_per_sqrt_rad) * angle;
-  const double across = square(params_.sigma_across_per_sqrt_m) * length;
-  const double heading = square(params_.sigma_heading_per_sqrt_m) * length +
-                         square(params_.sigma_heading_per_sqrt_rad) * angle +
-                         square(params_.sigma_heading_per_sqrt_s) * dt_s;
-  typename G::Tangent motion = G::Tangent::Zero(), variance;
+  typename G::Tangent motion = G::Tangent::Zero();
   motion[0] = distance_m;
   motion[G::Dof - 1] = angle_rad;
-  if constexpr (G::Dim == 2) {
-    variance << along, across, heading;
-  } else {
-    const double vertical = square(params_.sigma_vertical_per_sqrt_m) * length;
-    const double tilt = square(params_.sigma_tilt_per_sqrt_m) * length;
-    variance << along, across, vertical, tilt, tilt, heading;
-  }
+  const typename G::Tangent variance = odometry_variance<G>(params_, length, std::abs(angle_rad), dt_s);
   const G step = G::Exp(motion);
   filter_.move(step, variance);
   if (params_.max_remembered > 0) memory_.move(step, variance);

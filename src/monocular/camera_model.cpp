@@ -1,7 +1,7 @@
 #include <convoy/config_error.hpp>
+#include <convoy/monocular/bearing.hpp>
 #include <convoy/monocular/camera_model.hpp>
 
-#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 #include <algorithm>
@@ -11,7 +11,6 @@ namespace convoy {
 namespace {
 
 using Distortion = CameraCalibration::Distortion;
-using Tangent = Eigen::Matrix<double, 3, 2>;
 
 constexpr double widest_rad = 1.5;  // 86 degrees from the axis; what is seen further out has no place on a plane
 
@@ -67,14 +66,6 @@ CameraModel::Projection projected(const CameraCalibration& c, const Eigen::Vecto
   return {focal.cwiseProduct(d.at) + Eigen::Vector2d(c.cx, c.cy), focal.asDiagonal() * d.jacobian};
 }
 
-/// Two unit vectors across a unit vector, right-handed with it.
-Tangent across(const Eigen::Vector3d& ray) {
-  Tangent B;
-  B.col(0) = (std::abs(ray.y()) < 0.9 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitX()).cross(ray).normalized();
-  B.col(1) = ray.cross(B.col(0));
-  return B;
-}
-
 Eigen::Vector3d at_angle(double from_axis_rad, double direction_rad) {
   const double s = std::sin(from_axis_rad);
   return {s * std::cos(direction_rad), s * std::sin(direction_rad), std::cos(from_axis_rad)};
@@ -102,7 +93,7 @@ Eigen::Vector3d unprojected(const CameraCalibration& c, double field_rad, const 
   CameraModel::Projection at = projected(c, ray);
   double error = (pixel - at.pixel).norm();
   for (int iteration = 0; iteration < 50 && error > 1e-10; ++iteration) {
-    const Tangent B = across(ray);
+    const Eigen::Matrix<double, 3, 2> B = across(ray);
     Eigen::Vector3d step = B * (at.jacobian * B).inverse() * (pixel - at.pixel);
     step *= std::min(1.0, 0.5 / step.norm());
     for (int half = 0;; ++half, step *= 0.5) {
