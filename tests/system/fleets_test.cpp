@@ -35,6 +35,14 @@ bool impersonated(const json& status) {
   return std::count(status["reasons"].begin(), status["reasons"].end(), json("impersonated")) == 1;
 }
 
+void expect_no_demo(const fs::path& run) {
+  const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
+  EXPECT_EQ(refused.status, 2);
+  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos)
+      << refused.output;
+  EXPECT_FALSE(fs::exists(run));
+}
+
 TEST(Fleets, OfTwoVehiclesWithOneIdTheLaterIsRefusedAndBothAreSuspectEverywhereItShows) {
   const ScratchFolder scratch;
   std::vector<fs::path> configs{vehicle_one(scratch / "one"), vehicle_one(scratch / "two")};
@@ -128,11 +136,7 @@ TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
   Background other({"vehicle", config.string()}, scratch / "output");
   ASSERT_TRUE(eventually([&] { return read_text(scratch / "output").find("\"vehicle_s\"") != std::string::npos; }));
   const fs::path run = scratch / "run";
-  const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
-  EXPECT_EQ(refused.status, 2);
-  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos)
-      << refused.output;
-  EXPECT_FALSE(fs::exists(run));
+  expect_no_demo(run);
   other.send(SIGKILL);
   other.wait();
   const Outcome alone = run_convoy("demo --rate 40 --domain " + domain() + " --out " + run.string());
@@ -146,12 +150,7 @@ TEST(Fleets, ADemoDoesNotBeginBesideAFleetOfAnotherProfile) {
       vehicle_one(scratch / "one", "low_bandwidth.xml\" interfaces=\"127.0.0.1");  // best effort: not heard, only found
   Background other({"vehicle", config.string()}, scratch / "output");
   ASSERT_TRUE(eventually([&] { return read_text(scratch / "output").find("\"vehicle_s\"") != std::string::npos; }));
-  const fs::path run = scratch / "run";
-  const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
-  EXPECT_EQ(refused.status, 2);
-  EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos)
-      << refused.output;
-  EXPECT_FALSE(fs::exists(run));
+  expect_no_demo(scratch / "run");
 }
 
 TEST(Fleets, AMissingSensorLogIsToldWithTheLineThatNamesIt) {
