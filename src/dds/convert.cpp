@@ -294,6 +294,7 @@ const char* to_string(WireStatus status) {
     case WireStatus::not_symmetric: return "covariance not symmetric to the bit";
     case WireStatus::not_rounded: return "landmark not rounded";
     case WireStatus::not_canonical: return "not in canonical form";
+    case WireStatus::bad_answer: return "no sample of its kind and sender";
   }
   return "unknown";
 }

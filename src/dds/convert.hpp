@@ -22,6 +22,7 @@ enum class WireStatus : std::uint8_t {
   not_symmetric,    ///< to the wire: a covariance whose packed form would not give the same matrix back
   not_rounded,      ///< to the wire: a landmark that would not come back as it is, see rounded()
   not_canonical,    ///< landmarks in another form than the one that they have
+  bad_answer,       ///< the sample in an answer is none of its kind, or of another sender
 };
 const char* to_string(WireStatus status);
 
@@ -52,6 +53,10 @@ template <class G>
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample);
 
+/// A sample of a fact, as above, in an answer.
+template <class Sample>
+[[nodiscard]] WireStatus to_answer(const ChainId& sender, Sample& sample, v1::Answer& answer);
+
 /// From the wire. A digest of a fleet of the other dimension is let through, for its receiver to count. `message` is
 /// meaningful only if the status is ok. Whether the content is plausible (positive covariances, limits of coordinates)
 /// is the business of FactStore.
@@ -77,6 +82,9 @@ template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Request& sample, Message<G>& message);
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Digest& sample, Message<G>& message);
+/// `message.repeated` is set.
+template <class G>
+[[nodiscard]] WireStatus from_wire(const v1::Answer& answer, Message<G>& message);
 
 /// Serialised size of a Landmark sample stays below this, so that it fits one Ethernet frame with all headers.
 inline constexpr std::size_t max_landmark_sample_bytes = 1200;

@@ -463,7 +463,7 @@ class Entities {
   edds::DomainParticipant* own_ = nullptr;
 };
 
-constexpr int endpoints_per_exchange = 22;  // a writer and a reader for each of eleven topics
+constexpr int endpoints_per_exchange = 24;  // a writer and a reader for each of twelve topics
 
 }  // namespace
 
@@ -475,41 +475,47 @@ struct DdsExchange<G>::Impl {
         inbox(config.max_queued_messages),
         peers(entities.domain().participant->guid().guidPrefix, endpoints_per_exchange) {}
 
-  SendStatus write(const ChainId& sender, const AnchorFact<G>& fact) { return convert_and_write(bias, sender, fact); }
-  SendStatus write(const ChainId& sender, const PriorFact<G>& fact) { return convert_and_write(prior, sender, fact); }
-  SendStatus write(const ChainId& sender, const AssociationFact& fact) {
-    return convert_and_write(association, sender, fact);
-  }
-  SendStatus write(const ChainId& sender, const VerdictFact& fact) { return convert_and_write(verdict, sender, fact); }
-  SendStatus write(const ChainId& sender, const AbsoluteFixFact<G>& fact) {
-    return convert_and_write(absolute_fix, sender, fact);
-  }
-  SendStatus write(const ChainId& sender, const EncounterFact<G>& fact) {
-    return convert_and_write(encounter, sender, fact);
-  }
-  SendStatus write(const ChainId& sender, const WaypointFact<G>& fact) {
-    return convert_and_write(waypoint, sender, fact);
-  }
-  SendStatus write(const ChainId& sender, const LivePose<G>& live) { return convert_and_write(pose, sender, live); }
-  SendStatus write(const ChainId& sender, const Request& asked) { return convert_and_write(request, sender, asked); }
-  SendStatus write(const ChainId& sender, const Digest& known) { return convert_and_write(digest, sender, known); }
-  SendStatus write(const ChainId& sender, const LandmarkBatch<G>& batch) {
+  SendStatus write(const Message<G>& of, const AnchorFact<G>& fact) { return write_fact(bias, of, fact); }
+  SendStatus write(const Message<G>& of, const PriorFact<G>& fact) { return write_fact(prior, of, fact); }
+  SendStatus write(const Message<G>& of, const AssociationFact& fact) { return write_fact(association, of, fact); }
+  SendStatus write(const Message<G>& of, const VerdictFact& fact) { return write_fact(verdict, of, fact); }
+  SendStatus write(const Message<G>& of, const AbsoluteFixFact<G>& fact) { return write_fact(absolute_fix, of, fact); }
+  SendStatus write(const Message<G>& of, const EncounterFact<G>& fact) { return write_fact(encounter, of, fact); }
+  SendStatus write(const Message<G>& of, const WaypointFact<G>& fact) { return write_fact(waypoint, of, fact); }
+  SendStatus write(const Message<G>& of, const LivePose<G>& live) { return convert_and_write(pose, of, live); }
+  SendStatus write(const Message<G>& of, const Request& asked) { return convert_and_write(request, of, asked); }
+  SendStatus write(const Message<G>& of, const Digest& known) { return convert_and_write(digest, of, known); }
+  SendStatus write(const Message<G>& of, const LandmarkBatch<G>& batch) {
     SendStatus status = SendStatus::sent;  // of all parts; what was refused for now goes before what is unfit
     for (const auto part : split(std::span<const LandmarkFact<G>>(batch.landmarks)))
-      if (const SendStatus of_part = convert_and_write(landmark, sender, part);
+      if (const SendStatus of_part = write_fact(landmark, of, part);
           of_part == SendStatus::rejected || status == SendStatus::sent)
         status = of_part;
     return status;
   }
 
   template <class PubSubType, class Part>
-  SendStatus convert_and_write(Channel<G, PubSubType>& channel, const ChainId& sender, const Part& part) {
+  SendStatus write_fact(Channel<G, PubSubType>& channel, const Message<G>& of, const Part& part) {
+    if (!of.repeated) return convert_and_write(channel, of, part);
     typename PubSubType::type sample;
-    if (to_wire<G>(sender, part, sample) != WireStatus::ok) {
-      ++refused_to_wire;
-      return SendStatus::unfit;
-    }
-    return channel.write(sample) ? SendStatus::sent : SendStatus::rejected;
+    v1::Answer said_again;
+    const bool fits = to_wire<G>(of.sender, part, sample) == WireStatus::ok &&
+                      to_answer(of.sender, sample, said_again) == WireStatus::ok;
+    return write_sample(answer, said_again, fits);
+  }
+
+  template <class PubSubType, class Part>
+  SendStatus convert_and_write(Channel<G, PubSubType>& channel, const Message<G>& of, const Part& part) {
+    typename PubSubType::type sample;
+    const bool fits = to_wire<G>(of.sender, part, sample) == WireStatus::ok;
+    return write_sample(channel, sample, fits);
+  }
+
+  template <class PubSubType>
+  SendStatus write_sample(Channel<G, PubSubType>& channel, typename PubSubType::type& sample, bool fits) {
+    if (fits) return channel.write(sample) ? SendStatus::sent : SendStatus::rejected;
+    ++refused_to_wire;
+    return SendStatus::unfit;
   }
 
   std::shared_ptr<WireCounters> wire = std::make_shared<WireCounters>();
@@ -533,6 +539,7 @@ struct DdsExchange<G>::Impl {
   Channel<G, v1::WaypointPubSubType> waypoint{entities.domain(), "convoy/v1/Waypoint", inbox, peers};
   Channel<G, v1::PosePubSubType> pose{entities.domain(), "convoy/v1/Pose", inbox, peers};
   Channel<G, v1::RequestPubSubType> request{entities.domain(), "convoy/v1/Request", inbox, peers};
+  Channel<G, v1::AnswerPubSubType> answer{entities.domain(), "convoy/v1/Answer", inbox, peers};
   Channel<G, v1::DigestPubSubType> digest{entities.domain(), "convoy/v1/Digest", inbox, peers};
 };
 
@@ -566,7 +573,7 @@ bool DdsExchange<G>::keeps_history() const {
 template <class G>
 SendStatus DdsExchange<G>::send(const Message<G>& message) {
   const SendStatus status =
-      std::visit([&](const auto& payload) { return impl_->write(message.sender, payload); }, message.payload);
+      std::visit([&](const auto& payload) { return impl_->write(message, payload); }, message.payload);
   impl_->sent += status == SendStatus::sent;
   impl_->rejected += status == SendStatus::rejected;
   return status;

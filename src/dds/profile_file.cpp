@@ -62,7 +62,7 @@ void rename(tinyxml2::XMLElement& parent, const std::string& prefix, const std::
 /// Topics of one class are used alike, and a file says only once how.
 std::string class_of(const std::string& topic) {
   if (topic == "convoy/v1/Pose" || topic == "convoy/v1/Digest") return "convoy/values";
-  return topic == "convoy/v1/Request" ? "convoy/requests" : "convoy/facts";
+  return topic == "convoy/v1/Request" || topic == "convoy/v1/Answer" ? "convoy/requests" : "convoy/facts";
 }
 
 }  // namespace

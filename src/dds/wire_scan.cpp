@@ -198,6 +198,12 @@ void scan(WireScan& wire, const v1::Request*) {
   wire.skip(4, 2 * std::size_t{wire.length(bounds::ranges)});
 }
 
+void scan(WireScan& wire, const v1::Answer*) {
+  scan_author(wire);
+  wire.skip(4);
+  wire.sequence(1, bounds::answer_bytes);
+}
+
 void scan(WireScan& wire, const v1::Digest*) {
   scan_author(wire);
   wire.skip(1);

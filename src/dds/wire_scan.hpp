@@ -52,6 +52,7 @@ void scan(WireScan& wire, const v1::Encounter*);
 void scan(WireScan& wire, const v1::Waypoint*);
 void scan(WireScan& wire, const v1::Pose*);
 void scan(WireScan& wire, const v1::Request*);
+void scan(WireScan& wire, const v1::Answer*);
 void scan(WireScan& wire, const v1::Digest*);
 
 /// Whether a payload (with its encapsulation header) may be handed to the generated code of `Sample`.

@@ -95,6 +95,7 @@ template <class G>
 struct Message {
   ChainId sender;  ///< who put it on the wire; not always who wrote the facts in it
   Payload<G> payload;
+  bool repeated = false;  ///< facts that were said before, by whomever, and asked for since
 };
 
 }  // namespace convoy

@@ -215,8 +215,8 @@ template <class G>
 Message<G> Outbox<G>::take_fact() {
   news_were_last_ = !news_.empty() && (repeats_.empty() || !news_were_last_);
   Facts& from = news_were_last_ ? news_ : repeats_;
-  if (from.others.empty()) return take_landmarks(from.batches);
-  Message<G> message = pop(from.others);
+  Message<G> message = from.others.empty() ? take_landmarks(from.batches) : pop(from.others);
+  message.repeated = !news_were_last_;
   std::visit(
       [&](const auto& fact) {
         if constexpr (requires { fact.key; }) waiting_.erase({kind_of<std::decay_t<decltype(fact)>>, fact.key});

@@ -162,6 +162,23 @@ TEST(Outbox, OnesOwnNewsDoNotWaitBehindRepeats) {
   EXPECT_GE(paced.network->sent.size(), 200U + 45U) << "the others have their turn";
 }
 
+// Which of them a network need not keep for who comes late.
+TEST(Outbox, SaysWhatIsRepeated) {
+  Paced paced(0.0);
+  const auto send = [&](Payload<SE2> payload) {
+    (void)paced.exchange.send(of(std::move(payload)));
+    paced.exchange.take(0.0);
+    return paced.network->sent.back().repeated;
+  };
+  EXPECT_FALSE(send(test::anchor(1, 0)));
+  EXPECT_FALSE(send(LandmarkBatch<SE2>{{landmark(0, 0.1)}}));
+  EXPECT_TRUE(send(test::anchor(1, 0)));
+  EXPECT_TRUE(send(LandmarkBatch<SE2>{{landmark(0, 0.1)}}));
+  EXPECT_TRUE(send(test::anchor(2, 0))) << "it is somebody else's";
+  EXPECT_FALSE(send(test::anchor(1, 1)));
+  EXPECT_FALSE(send(Digest{}));
+}
+
 TEST(Outbox, TheMostInformativeLandmarksGoFirst) {
   Paced paced(100.0);  // one message per second
   paced.network->background(100);

@@ -1,0 +1,133 @@
+// Facts that are said again because they were asked for.
+#include <convoy/dds/convert.hpp>
+#include <convoy/dds/guarded_type.hpp>
+#include <convoy/submap/rounding.hpp>
+
+#include "../support/exchange_contract.hpp"
+#include "../unit/sample_facts.hpp"
+#include "dds_testing.hpp"
+
+#include <chrono>
+#include <thread>
+
+namespace convoy::dds::testing {
+namespace {
+
+using convoy::testing::anchor_message;
+
+const ChainId sender{7, 3};
+
+std::vector<Message<SE2>> one_of_each_kind() {
+  const auto of = [](Payload<SE2> payload) { return Message<SE2>{sender, std::move(payload), true}; };
+  return {of(test::anchor(2, 1)),
+          of(LandmarkBatch<SE2>{{rounded(test::landmark(2, 0)), rounded(test::landmark(2, 1))}}),
+          of(test::prior(2)),
+          of(test::association(2, 5, test::pairings(2, 3, 0, 4))),
+          of(test::verdict(2, 6, 77, false)),
+          of(test::absolute_fix(2, 2)),
+          of(test::encounter(2, 1)),
+          of(test::waypoint(3, 1))};
+}
+
+std::vector<Hash> hashes(const Message<SE2>& message) {
+  return std::visit(
+      [](const auto& payload) -> std::vector<Hash> {
+        if constexpr (requires { payload.landmarks; }) {
+          std::vector<Hash> all;
+          for (const auto& landmark : payload.landmarks) all.push_back(hash_of(landmark));
+          return all;
+        } else if constexpr (requires { payload.key; }) {
+          return {hash_of(payload)};
+        } else {
+          return {};
+        }
+      },
+      message.payload);
+}
+
+TEST(Answer, EveryKindOfFactArrivesAsItWasSaid) {
+  const DdsConfig config = config_of_this_test();
+  DdsExchange<SE2> a(config), b(config);
+  ASSERT_TRUE(all_connected({&a, &b}));
+  const auto messages = one_of_each_kind();
+  ASSERT_EQ(messages.size(), fact_kind_count);
+  for (const auto& message : messages) ASSERT_EQ(a.send(message), SendStatus::sent) << message.payload.index();
+  const auto got = collect(b, messages.size());
+  ASSERT_EQ(got.size(), messages.size());
+  for (std::size_t i = 0; i < got.size(); ++i) {
+    EXPECT_EQ(hashes(got[i]), hashes(messages[i])) << i;
+    EXPECT_EQ(got[i].sender, sender);
+    EXPECT_TRUE(got[i].repeated);
+  }
+}
+
+// Otherwise whoever starts gets, from each, everything that was ever repeated.
+TEST(Answer, IsNotKeptForWhoComesLate) {
+  const DdsConfig config = config_of_this_test();
+  DdsExchange<SE2> a(config), b(config);
+  ASSERT_TRUE(all_connected({&a, &b}));
+  constexpr std::uint32_t news = 20, repeats = 200;
+  for (std::uint32_t i = 0; i < news + repeats; ++i) {
+    Message<SE2> message = anchor_message<SE2>(1, i);
+    message.repeated = i >= news;
+    ASSERT_EQ(a.send(message), SendStatus::sent);
+  }
+  EXPECT_EQ(collect(b, news + repeats).size(), news + repeats);
+  DdsExchange<SE2> late(config);
+  ASSERT_TRUE(all_connected({&a, &b, &late}));
+  EXPECT_EQ(collect(late, news).size(), news);
+  std::this_thread::sleep_for(std::chrono::seconds(1));
+  EXPECT_TRUE(late.take(0.0).empty());
+}
+
+v1::Answer some_answer() {
+  v1::Bias bias;
+  EXPECT_EQ(to_wire<SE2>(sender, test::anchor(2, 1), bias), WireStatus::ok);
+  v1::Answer answer;
+  EXPECT_EQ(to_answer(sender, bias, answer), WireStatus::ok);
+  return answer;
+}
+
+TEST(Answer, OfAnotherKindOrSenderOrDamagedIsRefused) {
+  Message<SE2> message;
+  ASSERT_EQ(from_wire(some_answer(), message), WireStatus::ok);
+  EXPECT_EQ(hashes(message), std::vector<Hash>{hash_of(test::anchor(2, 1))});
+
+  v1::Answer of_other_kind = some_answer();
+  of_other_kind.kind(v1::KIND_LANDMARK);
+  EXPECT_EQ(from_wire(of_other_kind, message), WireStatus::bad_answer);
+  v1::Answer of_no_kind = some_answer();
+  of_no_kind.kind(static_cast<v1::FactKind>(99));
+  EXPECT_EQ(from_wire(of_no_kind, message), WireStatus::unknown_enum);
+  v1::Answer of_other_sender = some_answer();
+  of_other_sender.vehicle(sender.vehicle + 1);
+  EXPECT_EQ(from_wire(of_other_sender, message), WireStatus::bad_answer);
+  for (std::size_t bytes = 0; bytes + 8 <= some_answer().sample().size(); ++bytes) {
+    v1::Answer cut = some_answer();
+    cut.sample().resize(bytes);
+    EXPECT_EQ(from_wire(cut, message), WireStatus::bad_answer) << bytes;
+  }
+  Message<SE3> of_other_dimension;
+  EXPECT_EQ(from_wire(some_answer(), of_other_dimension), WireStatus::wrong_dimension);
+}
+
+// The scan before decoding walks the same fields as the generated code.
+TEST(Answer, IsScannedAsItIsDecoded) {
+  v1::Answer answer = some_answer();
+  GuardedType<v1::AnswerPubSubType> type;
+  eprosima::fastrtps::rtps::SerializedPayload_t payload(type.getSerializedSizeProvider(&answer)());
+  ASSERT_TRUE(type.serialize(&answer, &payload));
+  EXPECT_EQ(scan_payload<v1::Answer>(payload.data, payload.length), Decoding::ok);
+  for (std::uint32_t cut = 0; cut + 8 <= payload.length; ++cut)
+    EXPECT_EQ(scan_payload<v1::Answer>(payload.data, cut), Decoding::undecodable) << cut;
+  Guarded<v1::Answer> received;
+  type.deserialize(&payload, &received);
+  EXPECT_EQ(received.decoding, Decoding::ok);
+  EXPECT_EQ(received.sample.sample(), answer.sample());
+  const std::size_t length_at = 4 + 4 + 4 + 8 + 4;  // encapsulation, vehicle, its padding, epoch, kind
+  payload.data[length_at + 2] = 0xff;
+  EXPECT_EQ(scan_payload<v1::Answer>(payload.data, payload.length), Decoding::hostile);
+}
+
+}  // namespace
+}  // namespace convoy::dds::testing
