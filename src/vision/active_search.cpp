@@ -35,7 +35,7 @@ bool is_too_strong(const Eigen::Matrix2d& A) {
 /// The gate about a prediction, on one level of the pyramid. It is larger by half a pixel than told, so that there is a
 /// place in it however small it is.
 struct ActiveSearch::Ellipse {
-  Ellipse(const FeaturePrediction& p, double gate, int level)
+  Ellipse(const PatchPrediction& p, double gate, int level)
       : middle(ImagePyramid::to_level(p.pixel, level)),
         covariance(p.covariance / (1 << 2 * level) + 0.5 / gate * Eigen::Matrix2d::Identity()),
         information(covariance.inverse()),
@@ -104,14 +104,14 @@ Status ActiveSearch::make(const ReferencePatch& patch, const Eigen::Matrix2d& re
 }
 
 SearchResult ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
-                                const FeaturePrediction& prediction) {
+                                const PatchPrediction& prediction) {
   const SearchResult result = search(image, patch, prediction);
   ++counts_[static_cast<std::size_t>(result.status)];
   return result;
 }
 
 SearchResult ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
-                                  const FeaturePrediction& prediction) {
+                                  const PatchPrediction& prediction) {
   if (!image.valid()) return {Status::bad_image};
   const Eigen::Matrix2d& S = prediction.covariance;
   if (!prediction.pixel.allFinite() || !S.allFinite() || !prediction.now_from_ref.allFinite())

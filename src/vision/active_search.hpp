@@ -23,7 +23,7 @@ struct ActiveSearchParams {
 /// Throws RangeError.
 void validate(const ActiveSearchParams& params);
 
-struct FeaturePrediction {
+struct PatchPrediction {
   Eigen::Vector2d pixel;         ///< where the feature should be
   Eigen::Matrix2d covariance;    ///< of the innovation, measurement noise included [px^2]
   Eigen::Matrix2d now_from_ref;  ///< see PatchWarp
@@ -57,7 +57,7 @@ class ActiveSearch {
  public:
   explicit ActiveSearch(const ActiveSearchParams& params = {});
 
-  SearchResult find(const ImagePyramid& image, const ReferencePatch& patch, const FeaturePrediction& prediction);
+  SearchResult find(const ImagePyramid& image, const ReferencePatch& patch, const PatchPrediction& prediction);
 
   /// Whether a patch just taken is worth following: found, blank, saturated or beyond_patch. Not counted.
   SearchResult::Status judge(const ReferencePatch& patch) const;
@@ -73,7 +73,7 @@ class ActiveSearch {
   };
   struct Ellipse;
 
-  SearchResult search(const ImagePyramid& image, const ReferencePatch& patch, const FeaturePrediction& prediction);
+  SearchResult search(const ImagePyramid& image, const ReferencePatch& patch, const PatchPrediction& prediction);
   SearchResult::Status make(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now,
                             PatchTemplate& made) const;
   SearchResult::Status find_peaks(const cv::Mat& image, const PatchTemplate& wanted, const Ellipse& ellipse);

@@ -155,7 +155,7 @@ struct OneFeature {
     pixel = best.pixel;
     patch = *ReferencePatch::take(image, pixel);
   }
-  Status look(const FeaturePrediction& prediction) { return search.find(image, patch, prediction).status; }
+  Status look(const PatchPrediction& prediction) { return search.find(image, patch, prediction).status; }
   ImagePyramid image;
   Eigen::Vector2d pixel;
   ReferencePatch patch;
