@@ -26,6 +26,15 @@ const MonocularSlamParams& checked(const MonocularSlamParams& params, const Came
 
 }  // namespace
 
+MonocularParams street_params() {
+  MonocularParams p;
+  p.sigma_pixel = 0.5;
+  p.sigma_along_per_sqrt_m = 0.005;
+  p.sigma_vertical_per_sqrt_m = 0.02;
+  p.sigma_tilt_per_sqrt_m = 0.01;
+  return p;
+}
+
 void validate(const MonocularSlamParams& p, int width, int height) {
   const auto require = [](bool ok, const char* name, double value, const char* range) {
     if (!ok) throw RangeError("monocular SLAM", name, value, range);
@@ -39,6 +48,8 @@ void validate(const MonocularSlamParams& p, int width, int height) {
           "be > 0");
   require(p.standstill_yaw_radps >= 0 && std::isfinite(p.standstill_yaw_radps), "standstill_yaw_radps",
           p.standstill_yaw_radps, "be >= 0");
+  require(p.max_image_delay_s >= 0 && p.max_image_delay_s <= 10, "max_image_delay_s", p.max_image_delay_s,
+          "lie in [0, 10]");
   require(p.max_waiting_images >= 1 && p.max_waiting_images <= 100, "max_waiting_images", p.max_waiting_images,
           "be 1..100");
 }
@@ -64,54 +75,68 @@ bool MonocularSlam::on_odometry(double stamp_s, double distance_m, double yaw_ra
   if (!odometry_s_) {
     counters_.images_refused += std::erase_if(waiting_, [&](const WaitingImage& w) { return w.stamp_s < stamp_s; });
     ekf_->on_odometry(stamp_s, 0.0, 0.0);
+    driven_s_ = stamp_s;
   } else {
     const bool stands = distance_m == 0.0 && std::abs(yaw_rate_radps) < params_.standstill_yaw_radps;
-    ekf_->on_odometry(*odometry_s_, distance_m / (stamp_s - *odometry_s_), stands ? 0.0 : yaw_rate_radps);
-    drive(stamp_s);
+    const double v_mps = distance_m / (stamp_s - *odometry_s_);
+    readings_.push_back({*odometry_s_, stamp_s, v_mps, stands ? 0.0 : yaw_rate_radps});
   }
   odometry_s_ = stamp_s;
+  advance();
   return true;
 }
 
-// In steps that the filter does not take for a silent odometer.
-void MonocularSlam::drive(double until_s) {
-  const double longest_s = 0.5 * params_.filter.max_odometry_gap_s;
-  const double from_s = *odometry_s_;
-  const double steps = std::ceil((until_s - from_s) / longest_s);
-  for (double k = 1.0; k < std::min(steps, 1e6); ++k) {
-    use_images(from_s + k * longest_s);
-    ekf_->on_time(from_s + k * longest_s);
-  }
-  use_images(until_s);
-  ekf_->on_time(until_s);
-}
-
 bool MonocularSlam::on_image(double stamp_s, const cv::Mat& grey) {
-  const bool fits =
-      !grey.empty() && grey.type() == CV_8UC1 && grey.cols == pyramid_.width() && grey.rows == pyramid_.height();
-  const bool later = (!image_s_ || stamp_s > *image_s_) && (!odometry_s_ || stamp_s >= *odometry_s_);
+  const bool fits = grey.type() == CV_8UC1 && grey.cols == pyramid_.width() && grey.rows == pyramid_.height();
+  const bool later = (!image_s_ || stamp_s > *image_s_) && (!odometry_s_ || stamp_s >= driven_s_);
   if (!std::isfinite(stamp_s) || !fits || !later) {
     ++counters_.images_refused;
     return false;
   }
   image_s_ = stamp_s;
   waiting_.push_back({stamp_s, grey});
+  advance();
   if (waiting_.size() > static_cast<std::size_t>(params_.max_waiting_images)) {
-    waiting_.erase(waiting_.begin());
+    waiting_.pop_front();
     ++counters_.images_refused;
   }
   return true;
 }
 
+// As far as the images are there, or need not be waited for any longer.
+void MonocularSlam::advance() {
+  if (!odometry_s_) return;
+  const double given_up_s = *odometry_s_ - params_.max_image_delay_s;
+  const double until_s = std::min(*odometry_s_, std::max(image_s_.value_or(given_up_s), given_up_s));
+  use_images(driven_s_);
+  while (!readings_.empty() && readings_.front().from_s < until_s) {
+    drive(readings_.front(), std::min(readings_.front().to_s, until_s));
+    if (driven_s_ < readings_.front().to_s) break;
+    readings_.pop_front();
+  }
+}
+
+// In steps that the filter does not take for a silent odometer.
+void MonocularSlam::drive(const Reading& reading, double until_s) {
+  ekf_->on_odometry(driven_s_, reading.v_mps, reading.yaw_rate_radps);
+  const double longest_s = 0.5 * params_.filter.max_odometry_gap_s;
+  while (driven_s_ < until_s) {
+    driven_s_ = std::min(until_s, driven_s_ + longest_s);
+    use_images(driven_s_);
+    ekf_->on_time(driven_s_);
+  }
+}
+
 void MonocularSlam::use_images(double until_s) {
   while (!waiting_.empty() && waiting_.front().stamp_s <= until_s) {
     const WaitingImage image = std::move(waiting_.front());
-    waiting_.erase(waiting_.begin());
+    waiting_.pop_front();
     use_image(image);
   }
 }
 
 void MonocularSlam::finish() {
+  for (const Reading& reading : std::exchange(readings_, {})) drive(reading, reading.to_s);
   if (odometry_s_)
     for (const WaitingImage& image : std::exchange(waiting_, {})) use_image(image);
   ekf_->finish();
@@ -121,7 +146,7 @@ void MonocularSlam::restart() {
   ++counters_.restarts;
   tracks_.clear();
   ekf_.emplace(params_.filter, camera_, T_body_camera_);
-  if (odometry_s_) ekf_->on_odometry(*odometry_s_, 0.0, 0.0);
+  if (odometry_s_) ekf_->on_odometry(driven_s_, 0.0, 0.0);
 }
 
 // ---- one image ----

@@ -15,6 +15,7 @@
 #include <convoy/vision/reference_patch.hpp>
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <map>
 #include <optional>
@@ -23,8 +24,12 @@
 
 namespace convoy {
 
+/// What differs from MonocularParams where pixels come from active search and a car drives on a street: patches are
+/// found to half a pixel, and the tilt of a street changes for metres in the same sense, which white noise must cover.
+MonocularParams street_params();
+
 struct MonocularSlamParams {
-  MonocularParams filter;
+  MonocularParams filter = street_params();
   ActiveSearchParams search;
   CornerParams corners;
   int features = 50;                 ///< tracks that are followed at once, landmarks and candidates: 12..400
@@ -32,7 +37,8 @@ struct MonocularSlamParams {
   double candidate_length_m = 25.0;  ///< path after which a track that has no depth yet makes room for another, > 0
   /// Slower turning of wheels that stand is noise of the gyro, and nothing moves. [rad/s], >= 0
   double standstill_yaw_radps = 0.02;
-  int max_waiting_images = 8;  ///< for their odometry, beyond which the oldest is refused: 1..100
+  double max_image_delay_s = 0.2;  ///< by which an image may come later than the odometry of its time, [0, 10]
+  int max_waiting_images = 8;      ///< for their odometry, beyond which the oldest is refused: 1..100
 };
 
 /// Throws ConfigError when a value is out of its range, for images of that size [px].
@@ -74,12 +80,12 @@ class MonocularSlam final : public FrontEnd<SE3> {
   MonocularSlam(const MonocularSlamParams& params, const CameraCalibration& camera, const SE3& T_body_camera);
 
   /// From the reading before to `stamp_s` the vehicle drove `distance_m` (ahead positive) and turned to the left by
-  /// `yaw_rate_radps` on average. Images up to `stamp_s` that waited for it are used now. The first reading only says
-  /// when time begins. False, and counted, if it is refused.
+  /// `yaw_rate_radps` on average. It waits for images of that time, MonocularSlamParams::max_image_delay_s at most. The
+  /// first reading only says when time begins. False, and counted, if it is refused.
   bool on_odometry(double stamp_s, double distance_m, double yaw_rate_radps);
 
-  /// An image taken at `stamp_s` (the middle of its exposure). It waits until the odometry up to then is there; its
-  /// pixels are shared and must not change. False, and counted, if it is refused.
+  /// An image taken at `stamp_s` (the middle of its exposure). It is used as soon as the odometry up to then is there;
+  /// its pixels are shared and must not change. False, and counted, if it is refused.
   bool on_image(double stamp_s, const cv::Mat& grey);
 
   /// Closes the segment here and now, with whatever may leave: at the end of a run. Images that wait are used first.
@@ -111,8 +117,13 @@ class MonocularSlam final : public FrontEnd<SE3> {
     double stamp_s = 0.0;
     cv::Mat grey;
   };
+  struct Reading {
+    double from_s = 0.0, to_s = 0.0;
+    double v_mps = 0.0, yaw_rate_radps = 0.0;
+  };
 
-  void drive(double until_s);
+  void advance();
+  void drive(const Reading& reading, double until_s);
   void use_images(double until_s);
   void use_image(const WaitingImage& image);
   void seek(const std::vector<FeaturePrediction>& predictions, ImageReport& report);
@@ -131,9 +142,11 @@ class MonocularSlam final : public FrontEnd<SE3> {
   CornerDetector corners_;
   std::map<std::uint64_t, Track> tracks_;
   std::uint64_t last_track_ = 0;
-  std::vector<WaitingImage> waiting_;
-  std::optional<double> odometry_s_;
-  std::optional<double> image_s_;  // of the last that was accepted
+  std::deque<WaitingImage> waiting_;
+  std::deque<Reading> readings_;      // that the filter has not made yet, or not to their end
+  std::optional<double> odometry_s_;  // of the last reading
+  double driven_s_ = 0.0;             // how far the filter is
+  std::optional<double> image_s_;     // of the last that was accepted
   MonocularSlamCounters counters_;
   ImageListener listener_;
 };
