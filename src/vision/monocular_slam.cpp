@@ -29,7 +29,8 @@ const MonocularSlamParams& checked(const MonocularSlamParams& params, const Came
 MonocularParams street_params() {
   MonocularParams p;
   p.sigma_pixel = 0.5;
-  p.sigma_along_per_sqrt_m = 0.005;
+  p.sigma_along_per_sqrt_m = 0.003;
+  p.sigma_scale = 0.002;
   p.sigma_vertical_per_sqrt_m = 0.02;
   p.sigma_tilt_per_sqrt_m = 0.01;
   return p;
