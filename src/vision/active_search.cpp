@@ -8,7 +8,7 @@
 
 namespace convoy {
 
-using Status = SearchResult::Status;
+using Status = PatchMatch::Status;
 
 namespace {
 
@@ -35,7 +35,7 @@ bool is_too_strong(const Eigen::Matrix2d& A) {
 /// The gate about a prediction, on one level of the pyramid. It is larger by half a pixel than told, so that there is a
 /// place in it however small it is.
 struct ActiveSearch::Ellipse {
-  Ellipse(const FeaturePrediction& p, double gate, int level)
+  Ellipse(const PatchPrediction& p, double gate, int level)
       : middle(ImagePyramid::to_level(p.pixel, level)),
         covariance(p.covariance / (1 << 2 * level) + 0.5 / gate * Eigen::Matrix2d::Identity()),
         information(covariance.inverse()),
@@ -103,15 +103,15 @@ Status ActiveSearch::make(const ReferencePatch& patch, const Eigen::Matrix2d& re
   return Status::found;
 }
 
-SearchResult ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
-                                const FeaturePrediction& prediction) {
-  const SearchResult result = search(image, patch, prediction);
+PatchMatch ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
+                                const PatchPrediction& prediction) {
+  const PatchMatch result = search(image, patch, prediction);
   ++counts_[static_cast<std::size_t>(result.status)];
   return result;
 }
 
-SearchResult ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
-                                  const FeaturePrediction& prediction) {
+PatchMatch ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
+                                  const PatchPrediction& prediction) {
   if (!image.valid()) return {Status::bad_image};
   const Eigen::Matrix2d& S = prediction.covariance;
   if (!prediction.pixel.allFinite() || !S.allFinite() || !prediction.now_from_ref.allFinite())
@@ -222,8 +222,8 @@ bool ActiveSearch::refine(const cv::Mat& image, const ReferencePatch& patch, con
   return true;
 }
 
-SearchResult ActiveSearch::best_of_candidates() const {
-  SearchResult result;
+PatchMatch ActiveSearch::best_of_candidates() const {
+  PatchMatch result;
   if (candidates_.empty()) return result;
   const Candidate& best = candidates_.front();
   result.pixel = best.pixel;
