@@ -8,7 +8,7 @@
 
 namespace convoy {
 
-using Status = SearchResult::Status;
+using Status = PatchMatch::Status;
 
 namespace {
 
@@ -103,14 +103,14 @@ Status ActiveSearch::make(const ReferencePatch& patch, const Eigen::Matrix2d& re
   return Status::found;
 }
 
-SearchResult ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
+PatchMatch ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
                                 const PatchPrediction& prediction) {
-  const SearchResult result = search(image, patch, prediction);
+  const PatchMatch result = search(image, patch, prediction);
   ++counts_[static_cast<std::size_t>(result.status)];
   return result;
 }
 
-SearchResult ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
+PatchMatch ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
                                   const PatchPrediction& prediction) {
   if (!image.valid()) return {Status::bad_image};
   const Eigen::Matrix2d& S = prediction.covariance;
@@ -222,8 +222,8 @@ bool ActiveSearch::refine(const cv::Mat& image, const ReferencePatch& patch, con
   return true;
 }
 
-SearchResult ActiveSearch::best_of_candidates() const {
-  SearchResult result;
+PatchMatch ActiveSearch::best_of_candidates() const {
+  PatchMatch result;
   if (candidates_.empty()) return result;
   const Candidate& best = candidates_.front();
   result.pixel = best.pixel;
