@@ -36,6 +36,7 @@ class Drive {
   const FramePictures& pictures() const { return pictures_; }
   /// Images that could not be read or that the front end would not take.
   std::uint64_t images_refused() const { return recording_.images->refused() + slam_.counters().images_refused; }
+  const ActiveSearch& search() const { return slam_.search(); }
   /// Images before the odometer's first reading or after its last: of no use.
   std::uint64_t images_outside() const { return images_outside_; }
 

@@ -31,8 +31,15 @@ void expect_folder(const fs::path& folder, const char* what) {
     throw ConfigError(folder.string() + ": is no folder; give the folder of " + what);
 }
 
-/// Stamps may be those of a clock that has run since 1970.
+/// Where there is a truth, the drive begins with it, to be judged from its first pose on. Stamps may be those of a clock
+/// that has run since 1970.
 void begin_at_its_start(Recording& recording) {
+  auto& odometry = recording.odometry;
+  if (!recording.truth.empty()) {
+    const double from_s = recording.truth.front().t_s;
+    const auto first = std::find_if(odometry.begin(), odometry.end(), [&](const auto& r) { return r.stamp_s >= from_s; });
+    if (odometry.end() - first >= 2) odometry.erase(odometry.begin(), first);
+  }
   recording.start_stamp_s = std::floor(recording.odometry.front().stamp_s);
   for (OdometerReading& reading : recording.odometry) reading.stamp_s -= recording.start_stamp_s;
   for (TruthPose<SE3>& pose : recording.truth) pose.t_s -= recording.start_stamp_s;
@@ -106,11 +113,20 @@ fs::path pictures_of(const fs::path& folder) {
 
 // ---- KITTI ----
 
-/// x ahead, y left, z up, of a camera that looks ahead and is level.
-SE3 level_camera() {
-  Eigen::Matrix3d R;
-  R << 0, 0, 1, -1, 0, 0, 0, -1, 0;
-  return SE3::from_rotation(R, Eigen::Vector3d::Zero());
+/// The body of a camera that drives ahead: x where it moves on a straight road, y to the left, z up.
+SE3 body_of_camera(const std::vector<SE3>& poses) {
+  constexpr double straight_rad = 0.01;  // from one image to the next
+  Eigen::Vector3d ahead = Eigen::Vector3d::Zero();
+  for (std::size_t k = 1; k < poses.size(); ++k) {
+    const SE3::Tangent step = (poses[k - 1].inverse() * poses[k]).Log();
+    if (step.tail<3>().norm() < straight_rad) ahead += step.head<3>();
+  }
+  if (ahead.z() <= 0.0) ahead = Eigen::Vector3d::UnitZ();  // it never drives straight: taken for level
+  Eigen::Matrix3d R_camera_body;
+  R_camera_body.col(0) = ahead.normalized();
+  R_camera_body.col(1) = Eigen::Vector3d(0.0, -1.0, 0.0).cross(ahead).normalized();
+  R_camera_body.col(2) = R_camera_body.col(0).cross(R_camera_body.col(1));
+  return SE3::from_rotation(R_camera_body.transpose(), Eigen::Vector3d::Zero());
 }
 
 std::vector<SE3> read_kitti_poses(const fs::path& file) {
@@ -212,10 +228,10 @@ Recording open_kitti_drive(const fs::path& folder) {
   recording.seed = odometer_seed;
   recording.notice = folder.string() + ": KITTI has no odometer. Its readings are made from the true poses, with " +
                      "0.5 % noise of distance and yaw rate (seed " + std::to_string(odometer_seed) +
-                     "); the camera is taken for the body, and for level";
+                     "), and so is the camera's angle to the way it drives";
   recording.images = std::move(sequence.images);
   recording.calibration = sequence.calibration;
-  recording.T_body_camera = level_camera();
+  recording.T_body_camera = body_of_camera(poses);
   for (std::size_t k = 0; k < poses.size(); ++k)
     recording.truth.push_back({stamps[k], recording.T_body_camera * poses[k] * recording.T_body_camera.inverse()});
   recording.odometry = odometer_from_truth(recording.truth, odometer_sigma, odometer_seed);

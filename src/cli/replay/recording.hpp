@@ -12,7 +12,7 @@
 //          path. Then DIR needs no camera.yaml, and may itself be the folder of pictures.
 // kitti    a drive of KITTI (vision/kitti_sequence.hpp) with DIR/poses.txt, a 3 x 4 matrix per image: camera to first
 //          camera. There is no odometer: its readings are made from these poses, with noise. The body is the camera,
-//          turned so that x is ahead.
+//          turned so that x is where it moves on straight road.
 #pragma once
 
 #include <convoy/monocular/camera_model.hpp>

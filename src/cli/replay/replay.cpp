@@ -89,6 +89,16 @@ Scenario<SE3> scenario_of(const Recording& recording) {
   return scenario;
 }
 
+/// How often a track was found, and what else came of looking for it.
+json search_outcomes(const ActiveSearch& search) {
+  json outcomes = json::object();
+  for (int k = 0; k < search_statuses; ++k) {
+    const auto status = static_cast<PatchMatch::Status>(k);
+    outcomes[to_string(status)] = search.count(status);
+  }
+  return outcomes;
+}
+
 void write_run_info(const Recording& recording, const Drive& drive, double wall_s, const fs::path& out) {
   const json run = {{"scenario", "replay"},
                     {"source", recording.source},
@@ -100,6 +110,7 @@ void write_run_info(const Recording& recording, const Drive& drive, double wall_
                     {"start_stamp_s", recording.start_stamp_s},
                     {"images_refused", drive.images_refused()},
                     {"images_outside", drive.images_outside()},
+                    {"searches", search_outcomes(drive.search())},
                     {"wall_s", wall_s},
                     {"vehicle_s", recording.odometry.back().stamp_s - recording.odometry.front().stamp_s},
                     {"lost_vehicles", json::array()}};
