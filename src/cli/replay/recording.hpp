@@ -17,6 +17,7 @@
 
 #include <convoy/monocular/camera_model.hpp>
 #include <convoy/vision/image_source.hpp>
+#include <convoy/vision/monocular_slam.hpp>
 
 #include <cstdint>
 #include <filesystem>
@@ -44,6 +45,7 @@ struct Recording {
   SE3 T_body_camera;
   std::vector<OdometerReading> odometry;  ///< by time; empty: images alone
   std::vector<TruthPose<SE3>> truth;      ///< of the body, by time; empty: not known
+  MonocularSlamParams params;             ///< for this kind of recording
 
   SourceImage next_image();
 };

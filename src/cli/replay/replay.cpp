@@ -36,12 +36,6 @@ Recording open(const ReplayOptions& options) {
   throw ConfigError("replay: no kind of data set '" + options.dataset + "'; there are: images, kitti");
 }
 
-MonocularSlamParams front_end_params(const ReplayOptions& options) {
-  MonocularSlamParams params;
-  if (options.features > 0) params.features = options.features;
-  return params;
-}
-
 std::string show(const json& value, const char* format) {
   char text[48];
   if (!value.is_number()) return "-";
@@ -121,7 +115,7 @@ void replay_drive(Recording& recording, const ReplayOptions& options) {
   scenario_of(recording).write(options.out);
   const auto began = std::chrono::steady_clock::now();
   const fs::path folder = vehicle_folder(options.out, Drive::self);
-  Drive drive(recording, front_end_params(options), folder);
+  Drive drive(recording, recording.params, folder);
   drive.run();
   if (drive.frames().empty())
     throw ConfigError(options.folder.string() + ": no image could be used: " +
@@ -145,7 +139,7 @@ void replay_drive(Recording& recording, const ReplayOptions& options) {
 // ---- images alone ----
 
 void replay_images(Recording& recording, const ReplayOptions& options) {
-  ImageTracker tracker(front_end_params(options), recording.images->width(), recording.images->height());
+  ImageTracker tracker(recording.params, recording.images->width(), recording.images->height());
   FramePictures pictures;
   std::vector<FrontEndFrame> frames;
   Progress progress;
@@ -181,6 +175,7 @@ std::string replay_description() { return "Replay a recording of images and odom
 int run_replay(const ReplayOptions& options) {
   expect_new_folder(options.out);
   Recording recording = open(options);
+  if (options.features > 0) recording.params.features = options.features;
   if (!recording.notice.empty()) std::printf("%s.\n", recording.notice.c_str());
   std::fflush(stdout);
   if (recording.odometry.empty()) replay_images(recording, options);
