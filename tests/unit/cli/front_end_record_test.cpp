@@ -1,5 +1,7 @@
 #include "evaluate/front_end_record.hpp"
 
+#include <convoy/config_error.hpp>
+
 #include <gtest/gtest.h>
 
 #include "fake_run.hpp"
