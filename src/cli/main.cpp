@@ -125,9 +125,10 @@ int main(int argc, char** argv) {
   std::vector<std::string> recording;
   auto* replay_command = app.add_subcommand("replay", cli::replay_description());
   replay_command
-      ->add_option("--dataset", recording,
-                   "KIND FOLDER; kinds: images (a vehicle's folder of convoy sim --record, or one's own recording of that "
-                   "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt)")
+      ->add_option(
+          "--dataset", recording,
+          "KIND FOLDER; kinds: images (a vehicle's folder of convoy sim --record, or one's own recording of that "
+          "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt)")
       ->expected(2)
       ->required();
   replay_command->add_option("--out", replay.out, "run folder to make")->required();

@@ -33,7 +33,7 @@ class VehicleOutput {
   std::filesystem::path folder_;
   std::ofstream live_, traffic_, labels_;
   std::vector<std::pair<ChainId, std::vector<ChainState<G>>>> trails_;  ///< of the epochs before this one
-  bool complete_ = true;  ///< everything could be written so far
+  bool complete_ = true;                                                ///< everything could be written so far
 };
 
 }  // namespace convoy::cli

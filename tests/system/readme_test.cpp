@@ -91,8 +91,9 @@ TEST(Readme, EveryCommandRuns) {
 
 TEST(Readme, EveryCommandOnRecordingsRuns) {
   if (!mrclam_folder() || !victoria_park_folder() || !kitti_drive())
-    GTEST_SKIP() << "no utias_mrclam/ds6, no victoria_park or no kitti_mini; set CONVOY_DATA_DIR to the folder that holds "
-                    "all three";
+    GTEST_SKIP()
+        << "no utias_mrclam/ds6, no victoria_park or no kitti_mini; set CONVOY_DATA_DIR to the folder that holds "
+           "all three";
   const ScratchFolder scratch;
   int ran = 0;
   for (const std::string& line : readme_lines())

@@ -41,9 +41,9 @@ void expect_refusal(const std::string& arguments, const std::string& words) {
 class SimulatedDrive : public testing::Test {
  protected:
   void SetUp() override {
-    const Outcome outcome = run_convoy("sim --duration 15 --speed 4 --lock-step --wait-for 0 --domain-sensors " +
-                                       std::to_string(5 + getpid() % 7) + " --domain-truth " +
-                                       std::to_string(12 + getpid() % 7) + " --record " + (scratch_ / "drive").string());
+    const Outcome outcome = run_convoy(
+        "sim --duration 15 --speed 4 --lock-step --wait-for 0 --domain-sensors " + std::to_string(5 + getpid() % 7) +
+        " --domain-truth " + std::to_string(12 + getpid() % 7) + " --record " + (scratch_ / "drive").string());
     ASSERT_EQ(outcome.status, 0) << outcome.output;
   }
   fs::path recording() const { return scratch_ / "drive/vehicle_1"; }
@@ -140,7 +140,8 @@ TEST(Replay, WhatIsNoRecordingIsRefusedBeforeAnythingIsWritten) {
 TEST(Replay, KittisStreetIsFollowedThroughWithAnOdometerMadeOfItsTruth) {
   if (!kitti_drive()) GTEST_SKIP() << "no kitti_mini/seq1 (CONVOY_DATA_DIR)";
   const ScratchFolder scratch;
-  const Outcome outcome = run_convoy("replay --dataset kitti " + kitti_drive()->string() + " --out " + (scratch / "r").string());
+  const Outcome outcome =
+      run_convoy("replay --dataset kitti " + kitti_drive()->string() + " --out " + (scratch / "r").string());
   ASSERT_EQ(outcome.status, 0) << outcome.output;
   EXPECT_NE(outcome.output.find("made from the true poses, with 0.5 % noise"), std::string::npos) << outcome.output;
   const json m = front_end(scratch / "r");

@@ -35,10 +35,10 @@ namespace convoy::cli {
 
 struct FrontEndFrame {
   double t_s = 0.0;
-  Epoch epoch = 0;        ///< 0: no pose and no path, images alone
-  double path_m = 0.0;    ///< driven since the first epoch began, as estimated
-  SE3 T_start_body;       ///< live, by this image and all before it; frame of the first epoch's start
-  SE3 T_start_odometry;   ///< by the odometer alone
+  Epoch epoch = 0;       ///< 0: no pose and no path, images alone
+  double path_m = 0.0;   ///< driven since the first epoch began, as estimated
+  SE3 T_start_body;      ///< live, by this image and all before it; frame of the first epoch's start
+  SE3 T_start_odometry;  ///< by the odometer alone
   double took_ms = 0.0;
   std::uint32_t sought = 0;     ///< tracks that were looked for
   std::uint32_t tracked = 0;    ///< of them found

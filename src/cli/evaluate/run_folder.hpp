@@ -103,7 +103,7 @@ struct VehicleRecord {
   std::map<std::pair<Epoch, std::uint32_t>, std::uint32_t> track_of_landmark;  ///< (epoch, index) -> true id
   bool has_labels = false;
   std::optional<MapRecord<G>> map;
-  nlohmann::json summary;  ///< null if missing
+  nlohmann::json summary;                ///< null if missing
   std::vector<FrontEndFrame> front_end;  ///< empty unless it has a camera
   std::vector<TruthPose<G>> truth;
   std::optional<StaticPrior<G>> prior;

@@ -57,8 +57,7 @@ void Drive::run() {
     if (!to_s_) {
       drive(reading);  // the first one only says when time begins: then the chain can
       begin_epoch();
-    }
-    else vehicle_.feed([&] { drive(reading); });
+    } else vehicle_.feed([&] { drive(reading); });
     if (slam_.lost()) begin_again();
     tell(reading.stamp_s);
   }

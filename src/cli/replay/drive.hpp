@@ -57,8 +57,8 @@ class Drive {
   Vehicle<SE3> vehicle_;
   SourceImage image_;  // the next one
   Epoch epoch_ = 0;
-  SE3 T_start_epoch_;           // from the first epoch's start to this one's
-  double path_before_m_ = 0.0;  // of the epochs before
+  SE3 T_start_epoch_;              // from the first epoch's start to this one's
+  double path_before_m_ = 0.0;     // of the epochs before
   SE3 T_start_from_, T_start_to_;  // by the odometer alone, at the last two readings, ...
   double from_s_ = 0.0;            // ... and when they were
   std::optional<double> to_s_;

@@ -18,11 +18,9 @@ struct Kind {
   cv::Scalar color;  // blue, green, red
 };
 constexpr int kinds = 4;
-const Kind kind_of_feature[kinds] = {{"new", {200, 200, 200}},
-                                     {"candidate", {0, 165, 255}},
-                                     {"landmark", {255, 120, 30}},
-                                     {"converged", {60, 200, 60}}};
-constexpr int legend_px = 28;
+const Kind kind_of_feature[kinds] = {
+    {"new", {200, 200, 200}}, {"candidate", {0, 165, 255}}, {"landmark", {255, 120, 30}}, {"converged", {60, 200, 60}}};
+constexpr int legend_px = 28, legend_width_px = 480;
 
 int kind_of(const TrackedFeature& f) {
   if (f.converged) return 3;
@@ -30,9 +28,10 @@ int kind_of(const TrackedFeature& f) {
   return f.score == 0.0 ? 0 : 1;
 }
 
-// Eighths of a pixel: what was found lies between pixels.
-cv::Point in_eighths(const Eigen::Vector2d& pixel) {
-  return {static_cast<int>(std::lround(8.0 * pixel.x())), static_cast<int>(std::lround(8.0 * pixel.y()))};
+// Eighths of a pixel of the picture: what was found lies between pixels.
+cv::Point in_eighths(const Eigen::Vector2d& pixel, int scale) {
+  const Eigen::Vector2d p = (8.0 * (scale * (pixel.array() + 0.5) - 0.5)).matrix();
+  return {static_cast<int>(std::lround(p.x())), static_cast<int>(std::lround(p.y()))};
 }
 
 void draw_legend(cv::Mat& image, const int (&counts)[kinds]) {
@@ -49,13 +48,15 @@ void draw_legend(cv::Mat& image, const int (&counts)[kinds]) {
 }  // namespace
 
 cv::Mat drawn(const cv::Mat& grey, const std::vector<TrackedFeature>& features) {
-  cv::Mat image(grey.rows + legend_px, grey.cols, CV_8UC3, cv::Scalar(30, 30, 30));
-  cv::cvtColor(grey, image.rowRange(0, grey.rows), cv::COLOR_GRAY2BGR);
+  const int scale = grey.cols < legend_width_px ? 2 : 1;
+  cv::Mat large, image(scale * grey.rows + legend_px, scale * grey.cols, CV_8UC3, cv::Scalar(30, 30, 30));
+  cv::resize(grey, large, {}, scale, scale, cv::INTER_LINEAR);
+  cv::cvtColor(large, image.rowRange(0, large.rows), cv::COLOR_GRAY2BGR);
   int counts[kinds] = {};
   for (const TrackedFeature& f : features) {
     const int kind = kind_of(f);
     ++counts[kind];
-    cv::circle(image, in_eighths(f.pixel), 8 * 5, kind_of_feature[kind].color, 2, cv::LINE_AA, 3);
+    cv::circle(image, in_eighths(f.pixel, scale), 8 * 5, kind_of_feature[kind].color, 2, cv::LINE_AA, 3);
   }
   draw_legend(image, counts);
   return image;

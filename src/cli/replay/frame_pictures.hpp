@@ -11,7 +11,8 @@
 
 namespace convoy::cli {
 
-/// Keeps every n-th image, n doubling as the run gets longer, and writes them at its end: nobody knows its length before.
+/// Keeps every n-th image, n doubling as the run gets longer, and writes them at its end: nobody knows its length
+/// before.
 class FramePictures {
  public:
   /// Called for each image, in order. `number`: of the image, in the file's name.
@@ -29,7 +30,7 @@ class FramePictures {
   std::uint64_t seen_ = 0, every_ = 1;
 };
 
-/// The image in colour, with its features and a legend below it. CV_8UC3, 28 px higher.
+/// The image in colour (small ones twice as large), with its features and a legend below it. CV_8UC3.
 cv::Mat drawn(const cv::Mat& grey, const std::vector<TrackedFeature>& features);
 
 }  // namespace convoy::cli

@@ -31,13 +31,14 @@ void expect_folder(const fs::path& folder, const char* what) {
     throw ConfigError(folder.string() + ": is no folder; give the folder of " + what);
 }
 
-/// Where there is a truth, the drive begins with it, to be judged from its first pose on. Stamps may be those of a clock
-/// that has run since 1970.
+/// Where there is a truth, the drive begins with it, to be judged from its first pose on. Stamps may be those of a
+/// clock that has run since 1970.
 void begin_at_its_start(Recording& recording) {
   auto& odometry = recording.odometry;
   if (!recording.truth.empty()) {
     const double from_s = recording.truth.front().t_s;
-    const auto first = std::find_if(odometry.begin(), odometry.end(), [&](const auto& r) { return r.stamp_s >= from_s; });
+    const auto first =
+        std::find_if(odometry.begin(), odometry.end(), [&](const auto& r) { return r.stamp_s >= from_s; });
     if (odometry.end() - first >= 2) odometry.erase(odometry.begin(), first);
   }
   recording.start_stamp_s = std::floor(recording.odometry.front().stamp_s);
@@ -68,7 +69,8 @@ std::vector<OdometerReading> read_odometry(const fs::path& file) {
       table.rows().refuse("stamp_s is not later than that of the row before; sort the rows, or remove what is twice");
   }
   if (readings.size() < 2)
-    throw ConfigError(file.string() + ": has fewer than two readings; without them there is no path. Remove the file to "
+    throw ConfigError(file.string() +
+                      ": has fewer than two readings; without them there is no path. Remove the file to "
                       "look at the images alone");
   return readings;
 }
@@ -132,7 +134,8 @@ SE3 body_of_camera(const std::vector<SE3>& poses) {
 std::vector<SE3> read_kitti_poses(const fs::path& file) {
   const std::string kind = "KITTI's poses: twelve numbers (3 x 4) per image";
   if (!fs::exists(file))
-    throw ConfigError(file.string() + ": no such file, and the odometer of a KITTI drive is made from it; give " + kind);
+    throw ConfigError(file.string() + ": no such file, and the odometer of a KITTI drive is made from it; give " +
+                      kind);
   const std::string text = convoy::read_text(file, kind);
   TextFields fields(text, file.string(), kind);
   std::vector<SE3> poses;
@@ -162,7 +165,8 @@ std::vector<double> kitti_stamps(const fs::path& folder) {
   std::vector<double> stamps;
   const fs::path times = folder / "times.txt", pictures = folder / "image_0";
   if (!fs::is_directory(pictures))
-    throw ConfigError(folder.string() + ": is no drive of KITTI's odometry benchmark; give a folder that holds image_0, "
+    throw ConfigError(folder.string() +
+                      ": is no drive of KITTI's odometry benchmark; give a folder that holds image_0, "
                       "calib.txt and poses.txt");
   if (!fs::exists(times)) {
     for ([[maybe_unused]] const auto& entry : fs::directory_iterator(pictures))

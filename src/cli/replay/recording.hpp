@@ -36,10 +36,10 @@ struct OdometerReading {
 };
 
 struct Recording {
-  std::string source;  ///< in words, for reports
-  std::string notice;  ///< what must be said of it aloud; empty: nothing
-  std::uint64_t seed = 0;  ///< of what was made up; 0: nothing was
-  double start_stamp_s = 0.0;  ///< a whole second; times below, and of next_image(), count from it
+  std::string source;                   ///< in words, for reports
+  std::string notice;                   ///< what must be said of it aloud; empty: nothing
+  std::uint64_t seed = 0;               ///< of what was made up; 0: nothing was
+  double start_stamp_s = 0.0;           ///< a whole second; times below, and of next_image(), count from it
   std::unique_ptr<ImageSource> images;  ///< with the stamps of the recording
   CameraCalibration calibration;        ///< of no meaning without an odometer
   SE3 T_body_camera;

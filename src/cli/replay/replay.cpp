@@ -70,8 +70,8 @@ Scenario<SE3> scenario_of(const Recording& recording) {
   log.prior = StaticPrior<SE3>{};
   for (std::size_t i = 1; i < recording.odometry.size(); ++i) {
     const OdometerReading &before = recording.odometry[i - 1], &reading = recording.odometry[i];
-    log.sensors.push_back(SensorEvent::odometry(
-        before.stamp_s, reading.distance_m / (reading.stamp_s - before.stamp_s), reading.yaw_rate_radps));
+    log.sensors.push_back(SensorEvent::odometry(before.stamp_s, reading.distance_m / (reading.stamp_s - before.stamp_s),
+                                                reading.yaw_rate_radps));
   }
   Scenario<SE3> scenario;
   scenario.name = "replay";
@@ -118,9 +118,8 @@ void replay_drive(Recording& recording, const ReplayOptions& options) {
   Drive drive(recording, recording.params, folder);
   drive.run();
   if (drive.frames().empty())
-    throw ConfigError(options.folder.string() + ": no image could be used: " +
-                      std::to_string(drive.images_refused()) + " were refused, and " +
-                      std::to_string(drive.images_outside()) +
+    throw ConfigError(options.folder.string() + ": no image could be used: " + std::to_string(drive.images_refused()) +
+                      " were refused, and " + std::to_string(drive.images_outside()) +
                       " lie before or after the odometer's readings; are the stamps of both by one clock?");
   write_front_end(folder / "front_end.csv", drive.frames());
   drive.pictures().write(options.out / "frames");
@@ -170,7 +169,9 @@ void replay_images(Recording& recording, const ReplayOptions& options) {
 
 }  // namespace
 
-std::string replay_description() { return "Replay a recording of images and odometry through the front end, and judge it"; }
+std::string replay_description() {
+  return "Replay a recording of images and odometry through the front end, and judge it";
+}
 
 int run_replay(const ReplayOptions& options) {
   expect_new_folder(options.out);

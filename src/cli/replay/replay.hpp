@@ -6,8 +6,8 @@
 //   RUN/vehicle_1/front_end.csv   what the front end did, image by image (front_end_record.hpp)
 //   RUN/frames/000123.png         some images, with the features that were found in them
 // Times in it count from the recording's first image or reading (run.json, start_stamp_s). Each time that the front end
-// is lost, it begins anew, and a new epoch with it. Of images without an odometer there are only front_end.csv, frames/,
-// metrics.json and report.html.
+// is lost, it begins anew, and a new epoch with it. Of images without an odometer there are only front_end.csv,
+// frames/, metrics.json and report.html.
 #pragma once
 
 #include <filesystem>

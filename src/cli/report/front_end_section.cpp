@@ -63,7 +63,7 @@ std::string time_figure(const Frames& frames, const json& m) {
   SvgPlot time(figures::page_width, 240.0), features(figures::page_width, 280.0);
   time.x_label("time [s]");
   time.y_label("per image [ms]");
-  time.include({0.0, 0.0});
+  time.log_y(0.1);
   time.line(over_time(frames, [](const FrontEndFrame& f) { return f.took_ms; }), {figures::convoy_color, 1.0}, "took");
   const double first_s = frames.front().t_s, last_s = frames.back().t_s;
   for (const auto& [key, dash] : {std::pair{"ms_p50", ""}, std::pair{"ms_p95", "5 4"}})
@@ -77,11 +77,11 @@ std::string time_figure(const Frames& frames, const json& m) {
   if (frames.back().epoch > 0) {
     features.line(over_time(frames, [](const FrontEndFrame& f) { return f.landmarks; }), {"#1f5fbf", 1.2},
                   "of them landmarks");
-    features.line(over_time(frames, [](const FrontEndFrame& f) { return f.converged; }), {"#2f9e63", 1.2},
-                  "converged");
+    features.line(over_time(frames, [](const FrontEndFrame& f) { return f.converged; }), {"#2f9e63", 1.2}, "converged");
   }
   return figure("Time and features", time.svg() + features.svg(),
-                "Wall time of each image, everything from pyramid to filter, and what became of the tracks in it. A "
+                "Wall time of each image (logarithmic), everything from pyramid to filter, and what became of the "
+                "tracks in it. A "
                 "landmark has a depth; a converged one will be exported unless something speaks against it.");
 }
 
@@ -122,7 +122,7 @@ std::string path_figure(const Frames& frames, const std::vector<TruthPose<SE3>>&
   return figure("Path", above.svg() + side.svg(), "Live poses, from above, and heights. " + drift);
 }
 
-std::string picture_figure(const fs::path& folder) {
+std::string picture_figure(const fs::path& folder, bool with_depths) {
   std::vector<std::string> names;
   std::error_code none;
   for (const fs::directory_entry& entry : fs::directory_iterator(folder / "frames", none))
@@ -134,8 +134,10 @@ std::string picture_figure(const fs::path& folder) {
                            "half");
   if (cells.empty()) return "";
   return figure("Features in the images", figures::row_of(cells),
-                "Some images of the recording, with what was found in them: green, converged landmarks; blue, "
-                "landmarks; orange, candidates, of unknown depth; grey, new ones. All that were kept are in frames/.");
+                std::string("Some images of the recording, with what was found in them: ") +
+                    (with_depths ? "green, converged landmarks; blue, landmarks; orange, candidates, of unknown depth"
+                                 : "orange, what was found again, all of unknown depth") +
+                    "; grey, new ones. All that were kept are in frames/.");
 }
 
 }  // namespace
@@ -144,7 +146,7 @@ std::string front_end_section(const json& front_end, const Frames& frames, const
                               const fs::path& folder) {
   std::string out = "<section>\n<h2>Front end</h2>\n" + tiles(front_end) + time_figure(frames, front_end);
   if (frames.back().epoch > 0) out += path_figure(frames, truth, front_end);
-  return out + picture_figure(folder) + "</section>\n";
+  return out + picture_figure(folder, frames.back().epoch > 0) + "</section>\n";
 }
 
 std::string make_front_end_page(const json& metrics, const Frames& frames, const fs::path& folder) {

@@ -332,8 +332,8 @@ std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation
           "</p>\n<p class=\"source\">" + xml_escaped(source_line(run)) + "</p>\n" + tiles(m);
   if constexpr (G::Dim == 3)
     if (!m.at("front_end").is_null())
-      page += front_end_section(m.at("front_end"), run.vehicles.front().front_end, run.vehicles.front().truth,
-                                run.folder);
+      page +=
+          front_end_section(m.at("front_end"), run.vehicles.front().front_end, run.vehicles.front().truth, run.folder);
   for (const Figure& figure : make_figures(run, evaluation))
     page += "<section>\n<h2>" + xml_escaped(figure.title) + "</h2>\n<figure>\n" + figure.body + "<figcaption>" +
             xml_escaped(figure.caption) + "</figcaption>\n</figure>\n</section>\n";

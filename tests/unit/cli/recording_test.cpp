@@ -214,7 +214,7 @@ TEST(FramePictures, AreAHandfulEvenlySpread) {
 
 TEST(FramePictures, TellKindsOfFeaturesApart) {
   const auto color_at = [](const TrackedFeature& feature) {
-    const cv::Mat image = drawn(cv::Mat(100, 100, CV_8UC1, cv::Scalar(0)), {feature});
+    const cv::Mat image = drawn(cv::Mat(100, 480, CV_8UC1, cv::Scalar(0)), {feature});
     return image.at<cv::Vec3b>(50, 55);  // on the ring
   };
   TrackedFeature candidate{1, {50, 50}, 0.9}, landmark = candidate, converged = candidate, fresh = candidate;
