@@ -16,6 +16,7 @@
 #include "demo.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
+#include "replay/replay.hpp"
 #include "report/report.hpp"
 #include "sim.hpp"
 #include "solve.hpp"
@@ -118,6 +119,27 @@ int main(int argc, char** argv) {
   vehicle_command->callback([&] {
     status = with_group(fleet_dimension(config),
                         [&]<class G>(G) { return cli::run_vehicle(load_vehicle_config<G>(config), vehicle); });
+  });
+
+  cli::ReplayOptions replay;
+  std::vector<std::string> recording;
+  auto* replay_command = app.add_subcommand("replay", cli::replay_description());
+  replay_command
+      ->add_option(
+          "--dataset", recording,
+          "KIND FOLDER; kinds: images (a vehicle's folder of convoy sim --record, or one's own recording of that "
+          "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt)")
+      ->expected(2)
+      ->required();
+  replay_command->add_option("--out", replay.out, "run folder to make")->required();
+  replay_command->add_option("--rate", replay.rate_hz, "images per second, where no file says when they were taken")
+      ->check(CLI::Range(0.001, 10000.0));
+  replay_command->add_option("--features", replay.features, "features followed at once, 12 to 400 (default: 50)")
+      ->check(CLI::Range(12, 400));
+  replay_command->callback([&] {
+    replay.dataset = recording[0];
+    replay.folder = recording[1];
+    status = cli::run_replay(replay);
   });
 
   std::string run_folder;

@@ -358,16 +358,24 @@ void VehicleOutput<G>::write_live(double t_s, const VehicleSnapshot<G>& snapshot
 }
 
 template <class G>
+void VehicleOutput<G>::keep_trail(const SubmapManager<G>& manager, const FrontEndComponent<G>& front_end) {
+  trails_.emplace_back(manager.self(), front_end.trail());
+}
+
+template <class G>
 void VehicleOutput<G>::write_end(double t_s, const VehicleSnapshot<G>& snapshot, SubmapManager<G>& manager,
                                  const FrontEndComponent<G>& front_end) {
-  const bool aligned = manager.map().map->aligned(manager.self());
+  keep_trail(manager, front_end);
   std::string rows(trajectory_header<G>);
   rows += '\n';
-  for (const ChainState<G>& state : front_end.trail()) {
-    append_number(rows, state.stamp_s);
-    rows += ',';
-    append_state(rows, state, aligned ? manager.map().map->pose(manager.self(), state) : std::nullopt);
-    rows += '\n';
+  for (const auto& [chain, trail] : trails_) {
+    const bool aligned = manager.map().map->aligned(chain);
+    for (const ChainState<G>& state : trail) {
+      append_number(rows, state.stamp_s);
+      rows += ',';
+      append_state(rows, state, aligned ? manager.map().map->pose(chain, state) : std::nullopt);
+      rows += '\n';
+    }
   }
   write_text_file(folder_ / "trajectory.csv", rows);
   write_text_file(folder_ / "map.json", map_json(manager).dump(1) + "\n");

@@ -8,6 +8,8 @@
 #include <fstream>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 namespace convoy::cli {
 
@@ -20,6 +22,8 @@ class VehicleOutput {
 
   void write_label(Epoch epoch, std::uint32_t index, std::uint64_t track);
   void write_live(double t_s, const VehicleSnapshot<G>& snapshot, const SubmapManager<G>& manager);
+  /// The vehicle is about to begin a new epoch: what it drove in this one goes to trajectory.csv, too.
+  void keep_trail(const SubmapManager<G>& manager, const FrontEndComponent<G>& front_end);
   void write_end(double t_s, const VehicleSnapshot<G>& snapshot, SubmapManager<G>& manager,
                  const FrontEndComponent<G>& front_end);
 
@@ -28,7 +32,8 @@ class VehicleOutput {
 
   std::filesystem::path folder_;
   std::ofstream live_, traffic_, labels_;
-  bool complete_ = true;  ///< everything could be written so far
+  std::vector<std::pair<ChainId, std::vector<ChainState<G>>>> trails_;  ///< of the epochs before this one
+  bool complete_ = true;                                                ///< everything could be written so far
 };
 
 }  // namespace convoy::cli

@@ -104,5 +104,6 @@ std::optional<fs::path> recording(const char* name) {
 
 std::optional<fs::path> mrclam_folder() { return recording("utias_mrclam/ds6"); }
 std::optional<fs::path> victoria_park_folder() { return recording("victoria_park"); }
+std::optional<fs::path> kitti_drive() { return recording("kitti_mini/seq1"); }
 
 }  // namespace convoy::testing

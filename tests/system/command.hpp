@@ -62,5 +62,7 @@ nlohmann::json read_json(const std::filesystem::path& file);
 std::optional<std::filesystem::path> mrclam_folder();
 /// Victoria Park in the data folder; empty if it is not on this machine.
 std::optional<std::filesystem::path> victoria_park_folder();
+/// 51 images of sequence 06 of KITTI's odometry benchmark; empty if they are not on this machine.
+std::optional<std::filesystem::path> kitti_drive();
 
 }  // namespace convoy::testing

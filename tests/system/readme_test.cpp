@@ -50,6 +50,7 @@ void expect_runs(std::string line, const ScratchFolder& scratch) {
   };
   replace("MRCLAM_FOLDER", [] { return *mrclam_folder(); });
   replace("VICTORIA_PARK_FOLDER", [] { return *victoria_park_folder(); });
+  replace("KITTI_DRIVE", [] { return *kitti_drive(); });
   replace("GRAPH.g2o", [&] { return square_graph(scratch); });
   replace("PROBLEM.assoc", [&] { return posts_problem(scratch); });
   const Outcome outcome = run_shell("cd " + scratch.path().string() + " && " + CONVOY_PROGRAM + line.substr(6));
@@ -63,7 +64,9 @@ std::vector<std::string> readme_lines() {
 }
 
 bool needs_recordings(const std::string& line) {
-  return line.find("MRCLAM_FOLDER") != std::string::npos || line.find("VICTORIA_PARK_FOLDER") != std::string::npos;
+  for (const char* folder : {"MRCLAM_FOLDER", "VICTORIA_PARK_FOLDER", "KITTI_DRIVE"})
+    if (line.find(folder) != std::string::npos) return true;
+  return false;
 }
 
 TEST(Readme, EveryCommandRuns) {
@@ -87,8 +90,10 @@ TEST(Readme, EveryCommandRuns) {
 }
 
 TEST(Readme, EveryCommandOnRecordingsRuns) {
-  if (!mrclam_folder() || !victoria_park_folder())
-    GTEST_SKIP() << "no utias_mrclam/ds6 or no victoria_park; set CONVOY_DATA_DIR to the folder that holds both";
+  if (!mrclam_folder() || !victoria_park_folder() || !kitti_drive())
+    GTEST_SKIP()
+        << "no utias_mrclam/ds6, no victoria_park or no kitti_mini; set CONVOY_DATA_DIR to the folder that holds "
+           "all three";
   const ScratchFolder scratch;
   int ran = 0;
   for (const std::string& line : readme_lines())

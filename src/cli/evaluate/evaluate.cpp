@@ -443,6 +443,14 @@ json real_time_factor(const RunRecord<G>& run) {
   return vehicle.get<double>() / wall.get<double>();
 }
 
+/// Of the only vehicle, if it has a camera.
+template <class G>
+json front_end(const RunRecord<G>& run) {
+  if constexpr (G::Dim == 3)
+    if (run.vehicles.size() == 1) return judge_front_end(run.vehicles.front().front_end, run.vehicles.front().truth);
+  return nullptr;
+}
+
 json rates(const std::vector<TimedValue>& by_second, double last_t_s) {
   if (by_second.empty() || last_t_s <= 0.0) return {{"mean", nullptr}, {"max", nullptr}};
   double sum = 0.0, worst = 0.0;
@@ -534,6 +542,7 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
              {"vehicles", std::move(vehicles)},
              {"pairs", std::move(pairs)},
              {"associations", judge_associations(run)},
+             {"front_end", front_end(run)},
              {"fleet_ate_m", fleet.fit ? json(fleet.fit->rmse_m) : json()},
              {"fleet_anees", fleet_chosen.anees()},
              {"fleet_coverage95", fleet_chosen.coverage95()},

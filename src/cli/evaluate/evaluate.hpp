@@ -40,6 +40,8 @@
 // turn them against each other; hypotheses_unjudged count those with no true pose. Of single pairings nothing is said
 // then, nor of covariances; errors of poses and distances are those of the truth, too.
 //
+// The entry "front_end", of a run of one vehicle with a camera, is told of in front_end_record.hpp; null otherwise.
+//
 // In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge
 // "mounted" and truth_mount_... are planar, and null there.
 #pragma once

@@ -184,6 +184,7 @@ void read_vehicle_files(const fs::path& folder, const std::set<VehicleId>& fleet
            [&](const fs::path& file) { vehicle.trajectory = read_trajectory<G>(file, vehicle.id, may_be_cut); });
   if_there("traffic.csv", [&](const fs::path& file) { vehicle.traffic = read_traffic(file, may_be_cut); });
   if_there("labels.csv", [&](const fs::path& file) { read_labels(file, may_be_cut, vehicle); });
+  if_there("front_end.csv", [&](const fs::path& file) { vehicle.front_end = read_front_end(file, may_be_cut); });
   if_there("map.json", [&](const fs::path& file) {
     with_json(file, [&](const json& object) { vehicle.map = map_from<G>(object); });
   });

@@ -3,6 +3,7 @@
 //
 //   RUN/run.json, RUN/scenario.json, RUN/truth/...        (see scenario.hpp)
 //   RUN/vehicle_<id>/live.csv trajectory.csv traffic.csv labels.csv map.json summary.json
+//   RUN/vehicle_<id>/front_end.csv                        of a camera    (see front_end_record.hpp)
 #pragma once
 
 #include <array>
@@ -16,6 +17,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "evaluate/front_end_record.hpp"
 #include "scenario/pose_columns.hpp"
 #include "scenario/scenario.hpp"
 
@@ -101,7 +103,8 @@ struct VehicleRecord {
   std::map<std::pair<Epoch, std::uint32_t>, std::uint32_t> track_of_landmark;  ///< (epoch, index) -> true id
   bool has_labels = false;
   std::optional<MapRecord<G>> map;
-  nlohmann::json summary;  ///< null if missing
+  nlohmann::json summary;                ///< null if missing
+  std::vector<FrontEndFrame> front_end;  ///< empty unless it has a camera
   std::vector<TruthPose<G>> truth;
   std::optional<StaticPrior<G>> prior;
 };

@@ -21,7 +21,7 @@ p.source { color: #52606d; margin: 0; }
 .tile.bad { border-color: #d62728; }
 .tile.bad b { color: #b3191b; }
 figure { margin: 0; }
-figure svg { display: block; width: 100%; height: auto; }
+figure svg, figure img { display: block; width: 100%; height: auto; }
 figcaption { color: #3e4c59; font-size: 14px; margin-top: 4px; }
 p.key { margin: 0 0 4px; font-size: 13px; }
 p.key span { margin-right: 22px; white-space: nowrap; }

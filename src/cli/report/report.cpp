@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "report/figures.hpp"
+#include "report/front_end_section.hpp"
 #include "report/page_parts.hpp"
 #include "report/svg_plot.hpp"
 #include "scenario/table_file.hpp"
@@ -211,7 +212,9 @@ std::string source_line(const RunRecord<G>& run) {
   if (run.info.contains("impair") && run.info.at("impair").is_string() &&
       !run.info.at("impair").template get<std::string>().empty())
     text += ", impaired exchange: " + run.info.at("impair").template get<std::string>();
-  return text + ".";
+  text += ".";
+  if (const std::string notice = run.info.value("notice", ""); !notice.empty()) text += " " + notice + ".";
+  return text;
 }
 
 }  // namespace
@@ -327,6 +330,10 @@ std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation
   std::string page = page_begin("convoy: " + run.scenario);
   page += "<h1>convoy: what a run came to</h1>\n<p class=\"lead\">" + xml_escaped(headline(run, m)) +
           "</p>\n<p class=\"source\">" + xml_escaped(source_line(run)) + "</p>\n" + tiles(m);
+  if constexpr (G::Dim == 3)
+    if (!m.at("front_end").is_null())
+      page +=
+          front_end_section(m.at("front_end"), run.vehicles.front().front_end, run.vehicles.front().truth, run.folder);
   for (const Figure& figure : make_figures(run, evaluation))
     page += "<section>\n<h2>" + xml_escaped(figure.title) + "</h2>\n<figure>\n" + figure.body + "<figcaption>" +
             xml_escaped(figure.caption) + "</figcaption>\n</figure>\n</section>\n";

@@ -1,5 +1,6 @@
 // The picture of a run: one self-contained page (XHTML with inline SVG, no scripts) that shows what the paper's
-// figures 9 to 14 show, for this run, and the metrics as tables.
+// figures 9 to 14 show, for this run, and the metrics as tables. Of a run with a camera its front end, too; only the
+// camera's images lie beside the page.
 #pragma once
 
 #include <string>
