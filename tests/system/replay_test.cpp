@@ -38,7 +38,7 @@ void expect_refusal(const std::string& arguments, const std::string& words) {
 #ifdef CONVOY_HAS_SIMULATOR
 
 /// Fifteen seconds through the simulator's district, at 4 m/s.
-class SimulatedDrive : public testing::Test {
+class SimulatedDrive : public ::testing::Test {
  protected:
   void SetUp() override {
     const Outcome outcome = run_convoy(
