@@ -38,7 +38,7 @@ void expect_refusal(const std::string& arguments, const std::string& words) {
 #ifdef CONVOY_HAS_SIMULATOR
 
 /// Fifteen seconds through the simulator's district, at 4 m/s.
-class SimulatedDrive : public testing::Test {
+class SimulatedDrive : public ::testing::Test {
  protected:
   void SetUp() override {
     const Outcome outcome = run_convoy(
@@ -65,7 +65,7 @@ void expect_mapped(const json& m) {
 void expect_run_folder(const fs::path& run) {
   EXPECT_GE(pictures_in(run), 4U);
   const std::string page = read_text(run / "report.html");
-  for (const char* words : {"<h2>Front end</h2>", "drift at the end", "frames/000000.png"})
+  for (const char* words : {"<h2>Front end</h2>", "drift at the end", "<img src=\"frames/0000"})
     EXPECT_NE(page.find(words), std::string::npos) << words;
   for (const char* name : {"vehicle_1.tum", "vehicle_1/facts.jsonl", "vehicle_1/trajectory.csv", "vehicle_1/map.json",
                            "vehicle_1/live.csv", "vehicle_1/front_end.csv"})
@@ -120,6 +120,8 @@ TEST_F(SimulatedDrive, BeginsAnewWithANewEpochEachTimeThatItIsLost) {
   ASSERT_EQ(chains.size(), 1 + lost);
   EXPECT_EQ(chains[0].at("aligned"), true);
   EXPECT_EQ(chains[1].at("aligned"), false);  // nobody knows where it began
+  const std::string rows = read_text(scratch_ / "run/vehicle_1/trajectory.csv");
+  EXPECT_LT(std::stod(rows.substr(rows.find('\n') + 1)), 1.0) << "what was driven before it was lost belongs to it";
 }
 
 #endif
