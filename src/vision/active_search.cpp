@@ -8,7 +8,7 @@
 
 namespace convoy {
 
-using Status = SearchResult::Status;
+using Status = PatchSearchResult::Status;
 
 namespace {
 
@@ -103,15 +103,15 @@ Status ActiveSearch::make(const ReferencePatch& patch, const Eigen::Matrix2d& re
   return Status::found;
 }
 
-SearchResult ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
-                                const PatchPrediction& prediction) {
-  const SearchResult result = search(image, patch, prediction);
+PatchSearchResult ActiveSearch::find(const ImagePyramid& image, const ReferencePatch& patch,
+                                     const PatchPrediction& prediction) {
+  const PatchSearchResult result = search(image, patch, prediction);
   ++counts_[static_cast<std::size_t>(result.status)];
   return result;
 }
 
-SearchResult ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
-                                  const PatchPrediction& prediction) {
+PatchSearchResult ActiveSearch::search(const ImagePyramid& image, const ReferencePatch& patch,
+                                       const PatchPrediction& prediction) {
   if (!image.valid()) return {Status::bad_image};
   const Eigen::Matrix2d& S = prediction.covariance;
   if (!prediction.pixel.allFinite() || !S.allFinite() || !prediction.now_from_ref.allFinite())
@@ -222,8 +222,8 @@ bool ActiveSearch::refine(const cv::Mat& image, const ReferencePatch& patch, con
   return true;
 }
 
-SearchResult ActiveSearch::best_of_candidates() const {
-  SearchResult result;
+PatchSearchResult ActiveSearch::best_of_candidates() const {
+  PatchSearchResult result;
   if (candidates_.empty()) return result;
   const Candidate& best = candidates_.front();
   result.pixel = best.pixel;

@@ -29,7 +29,7 @@ struct PatchPrediction {
   Eigen::Matrix2d now_from_ref;  ///< see PatchWarp
 };
 
-struct SearchResult {
+struct PatchSearchResult {
   enum class Status : std::uint8_t {
     found,
     no_match,         ///< nothing in the ellipse is similar enough
@@ -49,7 +49,7 @@ struct SearchResult {
   double runner_up = 0.0;  ///< score of the next best place, > 2 px away, that was looked into; 0: there is none
 };
 inline constexpr int search_statuses = 11;
-const char* to_string(SearchResult::Status status);
+const char* to_string(PatchSearchResult::Status status);
 
 /// Not for several threads at once; makes no memory once it has seen the largest ellipse. The same input gives the same
 /// result, to the bit.
@@ -57,13 +57,13 @@ class ActiveSearch {
  public:
   explicit ActiveSearch(const ActiveSearchParams& params = {});
 
-  SearchResult find(const ImagePyramid& image, const ReferencePatch& patch, const PatchPrediction& prediction);
+  PatchSearchResult find(const ImagePyramid& image, const ReferencePatch& patch, const PatchPrediction& prediction);
 
   /// Whether a patch just taken is worth following: found, blank, saturated or beyond_patch. Not counted.
-  SearchResult::Status judge(const ReferencePatch& patch) const;
+  PatchSearchResult::Status judge(const ReferencePatch& patch) const;
 
   /// Results of find() so far.
-  std::uint64_t count(SearchResult::Status status) const { return counts_[static_cast<std::size_t>(status)]; }
+  std::uint64_t count(PatchSearchResult::Status status) const { return counts_[static_cast<std::size_t>(status)]; }
   const ActiveSearchParams& params() const { return params_; }
 
  private:
@@ -73,17 +73,17 @@ class ActiveSearch {
   };
   struct Ellipse;
 
-  SearchResult search(const ImagePyramid& image, const ReferencePatch& patch, const PatchPrediction& prediction);
-  SearchResult::Status make(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now,
-                            PatchTemplate& made) const;
-  SearchResult::Status find_peaks(const cv::Mat& image, const PatchTemplate& wanted, const Ellipse& ellipse);
+  PatchSearchResult search(const ImagePyramid& image, const ReferencePatch& patch, const PatchPrediction& prediction);
+  PatchSearchResult::Status make(const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now,
+                                 PatchTemplate& made) const;
+  PatchSearchResult::Status find_peaks(const cv::Mat& image, const PatchTemplate& wanted, const Ellipse& ellipse);
   void add_candidate(const Candidate& candidate);
   void descend(const cv::Mat& image, const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now, int level);
   bool climb(const cv::Mat& image, const PatchTemplate& wanted, Candidate& candidate);
   void refine_all(const cv::Mat& image, const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now);
   bool refine(const cv::Mat& image, const ReferencePatch& patch, const Eigen::Matrix2d& ref_from_now,
               Candidate& candidate);
-  SearchResult best_of_candidates() const;
+  PatchSearchResult best_of_candidates() const;
 
   ActiveSearchParams params_;
   double gate_;  // chi-square, two degrees of freedom

@@ -154,8 +154,8 @@ void MonocularSlam::seek(const std::vector<FeaturePrediction>& predictions, Imag
     const auto expected = expectation(prediction, track->second.patch);
     if (!expected) continue;
     ++report.sought;
-    const SearchResult result = search_.find(pyramid_, track->second.patch, *expected);
-    if (result.status != SearchResult::Status::found) continue;
+    const PatchSearchResult result = search_.find(pyramid_, track->second.patch, *expected);
+    if (result.status != PatchSearchResult::Status::found) continue;
     report.features.push_back(
         {prediction.track, result.pixel, result.score, prediction.landmark, prediction.converged});
   }
@@ -199,7 +199,7 @@ void MonocularSlam::start_tracks(ImageReport& report) {
   for (const Corner& corner : corners) {
     if (started == room) break;
     const auto patch = ReferencePatch::take(pyramid_, corner.pixel);
-    if (!patch || search_.judge(*patch) != SearchResult::Status::found) continue;
+    if (!patch || search_.judge(*patch) != PatchSearchResult::Status::found) continue;
     ++started;
     ++counters_.tracks_started;
     tracks_.emplace(++last_track_, Track{*patch, ekf_->state().abscissa_m});

@@ -107,7 +107,7 @@ void BM_search(benchmark::State& state) {
     found = 0;
     for (std::size_t i = 0; i < patches.size(); ++i) {
       const PatchPrediction prediction{pixels[i] + Eigen::Vector2d(2.0, -2.2), covariance, turned};
-      found += search.find(now, patches[i], prediction).status == SearchResult::Status::found;
+      found += search.find(now, patches[i], prediction).status == PatchSearchResult::Status::found;
     }
   };
   const auto by_opencv = [&] {

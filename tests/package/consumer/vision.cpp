@@ -21,5 +21,5 @@ int main() {
   const auto found = ActiveSearch().find(
       pyramid, *patch, {corners[0].pixel, 4.0 * Eigen::Matrix2d::Identity(), Eigen::Matrix2d::Identity()});
   std::printf("a corner: %s\n", to_string(found.status));
-  return found.status == SearchResult::Status::found ? 0 : 4;
+  return found.status == PatchSearchResult::Status::found ? 0 : 4;
 }

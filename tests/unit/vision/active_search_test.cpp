@@ -16,7 +16,7 @@
 namespace convoy {
 namespace {
 
-using Status = SearchResult::Status;
+using Status = PatchSearchResult::Status;
 
 constexpr int width = 640, height = 480;
 constexpr double nan_value = std::numeric_limits<double>::quiet_NaN();
@@ -85,7 +85,7 @@ Tally look_for_all(const View& view, double sigma_px, const Eigen::Matrix2d& ass
     if (!patch || search.judge(*patch) != Status::found) continue;
     Eigen::Vector2d error(random.gaussian(sigma_px), random.gaussian(sigma_px));
     error *= std::min(1.0, 2.5 * sigma_px / error.norm());
-    const SearchResult result = search.find(now, *patch, {truth + error, sigma_px * sigma_px * identity, assumed});
+    const PatchSearchResult result = search.find(now, *patch, {truth + error, sigma_px * sigma_px * identity, assumed});
     ++tally.tried;
     if (result.status != Status::found) continue;
     const double miss = (result.pixel - truth).norm();
@@ -164,7 +164,7 @@ struct OneFeature {
 
 TEST(ActiveSearch, FindsAFeatureWhereItWas) {
   OneFeature one;
-  const SearchResult result = one.search.find(one.image, one.patch, {one.pixel, 4.0 * identity, identity});
+  const PatchSearchResult result = one.search.find(one.image, one.patch, {one.pixel, 4.0 * identity, identity});
   ASSERT_EQ(result.status, Status::found);
   EXPECT_GT(result.score, 0.999);
   EXPECT_LT((result.pixel - one.pixel).norm(), 0.02);
@@ -184,7 +184,7 @@ TEST(ActiveSearch, FindsFromFarAtTheEdgeOfTheImage) {
       pyramid_of(test::draw(texture(), width, height, [&](const Eigen::Vector2d& p) -> Eigen::Vector2d {
         return p - shift + Eigen::Vector2d(480.0, 460.0);
       }));
-  const SearchResult result = one.search.find(now, one.patch, {{32.0, 210.0}, 100.0 * identity, identity});
+  const PatchSearchResult result = one.search.find(now, one.patch, {{32.0, 210.0}, 100.0 * identity, identity});
   ASSERT_EQ(result.status, Status::found);
   EXPECT_LT((result.pixel - truth).norm(), 0.3);
 }
@@ -233,7 +233,7 @@ TEST(ActiveSearch, SearchesThePartOfAnEllipseThatIsInTheImage) {
   const Status status = one.look({beyond, S, identity});
   EXPECT_TRUE(status == Status::no_match || status == Status::at_edge) << to_string(status);
   const ReferencePatch at_edge = *ReferencePatch::take(one.image, {12.0, 200.0});
-  const SearchResult result = one.search.find(one.image, at_edge, {{2.0, 200.0}, 25.0 * identity, identity});
+  const PatchSearchResult result = one.search.find(one.image, at_edge, {{2.0, 200.0}, 25.0 * identity, identity});
   ASSERT_EQ(result.status, Status::found);
   EXPECT_LT((result.pixel - Eigen::Vector2d(12.0, 200.0)).norm(), 0.05);
 }
@@ -242,7 +242,7 @@ TEST(ActiveSearch, FindsNothingInBlankBlackAndWhiteImages) {
   OneFeature one;
   for (const int grey : {0, 128, 255}) {
     const ImagePyramid blank = pyramid_of(cv::Mat(height, width, CV_8UC1, cv::Scalar(grey)));
-    const SearchResult result = one.search.find(blank, one.patch, {one.pixel, 4.0 * identity, identity});
+    const PatchSearchResult result = one.search.find(blank, one.patch, {one.pixel, 4.0 * identity, identity});
     EXPECT_EQ(result.status, Status::no_match);
     const auto patch = ReferencePatch::take(blank, {100, 100});
     ASSERT_TRUE(patch);

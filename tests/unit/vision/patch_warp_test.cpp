@@ -115,13 +115,14 @@ TEST(PatchWarp, LeadsTheSearchToTheTruePlaces) {
       const Eigen::Vector3d ray = camera.ray(pixel);
       const auto warp = warp_of_plane(camera, pixel, ray.z() / wall_m, T_now_ref, PatchPlane::fronto_parallel);
       const auto patch = ReferencePatch::take(before, pixel);
-      if (!warp || !patch || !camera.in_image(warp->pixel, 20.0) || search.judge(*patch) != SearchResult::Status::found)
+      if (!warp || !patch || !camera.in_image(warp->pixel, 20.0) ||
+          search.judge(*patch) != PatchSearchResult::Status::found)
         continue;
       ++tried;
       const auto result = search.find(
           now, *patch,
           {warp->pixel + Eigen::Vector2d(2.0, -1.5), 4.0 * Eigen::Matrix2d::Identity(), warp->now_from_ref});
-      right += result.status == SearchResult::Status::found && (result.pixel - warp->pixel).norm() < 0.5;
+      right += result.status == PatchSearchResult::Status::found && (result.pixel - warp->pixel).norm() < 0.5;
     }
   std::printf("%d of %d places of the wall found within 0.5 px\n", right, tried);
   EXPECT_GE(tried, 60);

@@ -60,13 +60,13 @@ class KittiStreet : public testing::Test {
   SE3 between(std::size_t now, std::size_t ref) const { return poses_[now].inverse() * poses_[ref]; }
 
   /// A corner whose distance is known to lie between two: the ellipse covers what both would look like.
-  SearchResult follow(const ReferencePatch& patch, std::size_t ref, std::size_t now, const Inverse& distance,
-                      ActiveSearch& search) const {
+  PatchSearchResult follow(const ReferencePatch& patch, std::size_t ref, std::size_t now, const Inverse& distance,
+                           ActiveSearch& search) const {
     const SE3 T = between(now, ref);
     const auto far = warp_of_plane(*camera_, patch.pixel(), distance.low, T);
     const auto likely = warp_of_plane(*camera_, patch.pixel(), 0.5 * (distance.low + distance.high), T);
     const auto near = warp_of_plane(*camera_, patch.pixel(), distance.high, T);
-    if (!near || !far || !likely) return {SearchResult::Status::out_of_image};
+    if (!near || !far || !likely) return {PatchSearchResult::Status::out_of_image};
     const Eigen::Vector2d half = 0.5 * (near->pixel - far->pixel);
     const Eigen::Matrix2d covariance = half * half.transpose() / 9.0 + Eigen::Matrix2d::Identity();
     return search.find(images_[now], patch, {far->pixel + half, covariance, likely->now_from_ref});
@@ -99,8 +99,8 @@ class KittiStreet : public testing::Test {
     Inverse distance;
     std::optional<Eigen::Vector3d> point;
     for (std::size_t now = k + 1; now <= k + 4; ++now) {
-      const SearchResult seen = follow(patch, k, now, distance, search);
-      if (seen.status != SearchResult::Status::found || off_epipolar_line(patch.pixel(), k, seen.pixel, now) > 1.0)
+      const PatchSearchResult seen = follow(patch, k, now, distance, search);
+      if (seen.status != PatchSearchResult::Status::found || off_epipolar_line(patch.pixel(), k, seen.pixel, now) > 1.0)
         return std::nullopt;
       point = triangulate(patch.pixel(), k, seen.pixel, now);
       if (!point) continue;
@@ -122,10 +122,10 @@ TEST_F(KittiStreet, MatchesLieOnTheEpipolarLines) {
   for (std::size_t k = 0; k + 1 < images_.size(); k += 5)
     for (const Corner& corner : corners_of(images_[k])) {
       const auto patch = ReferencePatch::take(images_[k], corner.pixel);
-      if (!patch || search.judge(*patch) != SearchResult::Status::found) continue;
-      const SearchResult result = follow(*patch, k, k + 1, {}, search);
-      tried += result.status != SearchResult::Status::out_of_image;
-      if (result.status == SearchResult::Status::found)
+      if (!patch || search.judge(*patch) != PatchSearchResult::Status::found) continue;
+      const PatchSearchResult result = follow(*patch, k, k + 1, {}, search);
+      tried += result.status != PatchSearchResult::Status::out_of_image;
+      if (result.status == PatchSearchResult::Status::found)
         off_px.push_back(off_epipolar_line(corner.pixel, k, result.pixel, k + 1));
     }
   ASSERT_GT(off_px.size(), 100U);
@@ -203,15 +203,15 @@ TEST(Desk, WhatIsFoundInTheNextFrameIsFoundBack) {
   for (std::size_t k = 0; k + 1 < frames.size(); k += 10)
     for (const Corner& corner : corners_of(frames[k])) {
       const auto patch = ReferencePatch::take(frames[k], corner.pixel);
-      if (!patch || search.judge(*patch) != SearchResult::Status::found) continue;
+      if (!patch || search.judge(*patch) != PatchSearchResult::Status::found) continue;
       ++tried;
-      const SearchResult there = search.find(frames[k + 1], *patch, {corner.pixel, covariance, same});
-      if (there.status != SearchResult::Status::found) continue;
+      const PatchSearchResult there = search.find(frames[k + 1], *patch, {corner.pixel, covariance, same});
+      if (there.status != PatchSearchResult::Status::found) continue;
       ++found;
       const auto again = ReferencePatch::take(frames[k + 1], there.pixel);
       if (!again) continue;
-      const SearchResult here = search.find(frames[k], *again, {there.pixel, covariance, same});
-      back += here.status == SearchResult::Status::found && (here.pixel - corner.pixel).norm() < 0.5;
+      const PatchSearchResult here = search.find(frames[k], *again, {there.pixel, covariance, same});
+      back += here.status == PatchSearchResult::Status::found && (here.pixel - corner.pixel).norm() < 0.5;
     }
   std::printf("desk: %d corners, %d found in the next frame, %d of them found back within 0.5 px\n", tried, found,
               back);
