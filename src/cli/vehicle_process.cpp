@@ -144,8 +144,9 @@ class VehicleRun {
     for (const auto& state : snapshot.vehicles) {
       if (warned_ || state.chain != snapshot.self || (state.reasons & reason_impersonated) == 0) continue;
       warned_ = true;
-      spdlog::warn("somebody else speaks under id {} on domain {}: stop one of the two, or give it another id or domain",
-                   snapshot.self.vehicle, config_.dds.domain);
+      spdlog::warn(
+          "somebody else speaks under id {} on domain {}: stop one of the two, or give it another id or domain",
+          snapshot.self.vehicle, config_.dds.domain);
     }
   }
 
