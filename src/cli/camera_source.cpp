@@ -7,9 +7,11 @@
 
 #include <algorithm>
 #include <chrono>
+#include <fstream>
 #include <mutex>
 #include <utility>
 
+#include "scenario/table_file.hpp"
 #include "sensor_source.hpp"
 
 namespace convoy::cli {
@@ -63,9 +65,10 @@ MonocularSlamParams slam_params(const CameraConfig& config) {
 
 class CameraSource final : public SensorSource<SE3> {
  public:
-  CameraSource(const VehicleConfig<SE3>& config, const std::function<bool()>& stop)
+  CameraSource(const VehicleConfig<SE3>& config, const SourceOptions& options)
       : config_(config.camera), vehicle_(config.vehicle.id), reader_(reader_params(config)) {
-    wait_for_camera(stop);
+    wait_for_camera(options.stop);
+    if (ready() && !options.sightings.empty()) write_sightings(options.sightings);
   }
   /// False if waiting for the camera was stopped: then nothing else may be called.
   bool ready() const { return slam_.has_value(); }
@@ -103,6 +106,26 @@ class CameraSource final : public SensorSource<SE3> {
       }
       if (seconds_since(began) >= config_.wait_s) refuse_to_wait_longer();
     }
+  }
+
+  // One row for each time that a landmark is seen: where its ray begins, and where it goes per metre of depth.
+  void write_sightings(const std::filesystem::path& file) {
+    std::error_code failed;
+    std::filesystem::create_directories(file.parent_path(), failed);
+    sightings_.open(file, std::ios::app);
+    if (!sightings_) throw ConfigError(file.string() + ": cannot write; is the output folder writable?");
+    slam_->on_report([this, model = CameraModel(camera_.calibration)](const ImageReport& report, const cv::Mat&) {
+      std::string rows;
+      const Eigen::Vector3d o = camera_.T_body_camera.translation();
+      for (const TrackedFeature& feature : report.features) {
+        if (!feature.converged) continue;
+        const Eigen::Vector3d ray = model.ray(feature.pixel);
+        const Eigen::Vector3d d = camera_.T_body_camera.rotation() * (ray / ray.z());
+        append_csv_row(rows, feature.track, report.stamp_s, feature.pixel.x(), feature.pixel.y(), o.x(), o.y(), o.z(),
+                       d.x(), d.y(), d.z());
+      }
+      sightings_ << rows << std::flush;
+    });
   }
 
   [[noreturn]] void refuse_to_wait_longer() const {
@@ -169,6 +192,7 @@ class CameraSource final : public SensorSource<SE3> {
   dds::MountedCamera camera_;
   std::optional<MonocularSlam> slam_;
   SensorClock clock_;
+  std::ofstream sightings_;
   std::optional<dds::SensorBatch> first_;  // what came before the calibration
   std::optional<std::uint64_t> run_;
   SteadyClock::time_point heard_;
@@ -177,10 +201,12 @@ class CameraSource final : public SensorSource<SE3> {
 
 }  // namespace
 
-std::unique_ptr<SensorSource<SE3>> open_camera(const VehicleConfig<SE3>& config, const std::function<bool()>& stop) {
-  auto source = std::make_unique<CameraSource>(config, stop);
+std::unique_ptr<SensorSource<SE3>> open_camera(const VehicleConfig<SE3>& config, const SourceOptions& options) {
+  auto source = std::make_unique<CameraSource>(config, options);
   if (!source->ready()) return nullptr;
   return source;
 }
+
+bool has_cameras() { return true; }
 
 }  // namespace convoy::cli

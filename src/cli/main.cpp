@@ -60,6 +60,8 @@ int main(int argc, char** argv) {
   std::vector<std::string> dataset;
   auto* demo_command = app.add_subcommand("demo", "Drive a fleet on this machine, one process per vehicle, and report");
   demo.out = "convoy-demo";
+  demo_command->add_flag("--fast", demo.fast,
+                         "sensors that measure landmarks, in place of cameras and a simulator that shows them streets");
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
   demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam, victoria-park")
       ->expected(2);
@@ -111,6 +113,8 @@ int main(int argc, char** argv) {
                    "seconds between status lines, 0.01 to 86400 (default: 0.25)")
       ->check(CLI::Range(0.01, 86400.0));
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
+  vehicle_command->add_flag("--sightings", vehicle.sightings,
+                            "write sightings.csv: in which pixel the camera saw each landmark, for a judge");
   vehicle_command->add_option("--impair", vehicle.impair, impairments + "; instead of the configuration's");
   vehicle_command->add_option("--out", vehicle.out,
                               "folder for what it writes (default: the configuration's); the state folder, which holds "

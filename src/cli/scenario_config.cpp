@@ -60,8 +60,13 @@ void tune_for_victoria_park(VehicleConfig<SE2>& c) {
   c.vehicle.drift.persistent.heading_rad_per_m = 4e-4;
 }
 
+// What two vehicles can have in common of what a camera sees, and a good place for it.
+void tune_for_camera(VehicleConfig<SE3>& c) { c.camera.slam.max_sigma_m = 0.25; }
+
 template <class G>
 void tune(const Scenario<G>& scenario, VehicleConfig<G>& c) {
+  if constexpr (G::Dim == 3)
+    if (scenario.name == "camera") return tune_for_camera(c);
   if constexpr (G::Dim == 2) {
     if (scenario.name == "mrclam") return tune_for_mrclam(c);
     if (scenario.name == "victoria-park") return tune_for_victoria_park(c);

@@ -4,6 +4,7 @@
 #include <convoy/components/vehicle.hpp>
 #include <convoy/components/vehicle_config.hpp>
 
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <string>
@@ -34,19 +35,26 @@ class SensorSource {
   virtual std::string name() const = 0;
 };
 
+struct SourceOptions {
+  std::function<bool()> stop;       ///< asked while waiting: true ends the wait
+  std::filesystem::path sightings;  ///< file for where a camera has seen each landmark, for a judge; empty: none
+};
+
 /// The log that the configuration names, on the clock. Throws ConfigError, also when all of it lies in the past.
 template <class G>
 std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>& config);
 
-/// The topics of CameraConfig. Waits for the camera. Throws ConfigError if it does not come; nothing if `stop` says
-/// true before.
-std::unique_ptr<SensorSource<SE3>> open_camera(const VehicleConfig<SE3>& config, const std::function<bool()>& stop);
+/// The topics of CameraConfig. Waits for the camera. Throws ConfigError if it does not come, or if this program was
+/// built without; nothing if `stop` says true before.
+std::unique_ptr<SensorSource<SE3>> open_camera(const VehicleConfig<SE3>& config, const SourceOptions& options);
+/// This program was built with convoy::vision.
+bool has_cameras();
 
 /// What the configuration asks for: one of the two, which must be there.
 template <class G>
-std::unique_ptr<SensorSource<G>> open_sensors(const VehicleConfig<G>& config, const std::function<bool()>& stop) {
+std::unique_ptr<SensorSource<G>> open_sensors(const VehicleConfig<G>& config, const SourceOptions& options) {
   if constexpr (G::Dim == 3)
-    if (config.camera.given()) return open_camera(config, stop);
+    if (config.camera.given()) return open_camera(config, options);
   return open_log(config);
 }
 

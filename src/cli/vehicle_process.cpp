@@ -197,7 +197,10 @@ int run_vehicle(VehicleConfig<G> given, const VehicleRunOptions& options) {
   std::signal(SIGPIPE, SIG_IGN);
   expect_whole(given);
   const VehicleConfig<G> config = with_options(std::move(given), options);
-  const auto source = open_sensors<G>(config, [] { return stop_requested != 0; });
+  SourceOptions sensors;
+  sensors.stop = [] { return stop_requested != 0; };
+  if (options.sightings) sensors.sightings = config.output_folder / "sightings.csv";
+  const auto source = open_sensors<G>(config, sensors);
   return source ? VehicleRun<G>(config, options, *source).drive() : 0;
 }
 
