@@ -34,14 +34,14 @@ std::uint32_t beside(std::uint32_t domain, std::uint32_t step) {
 
 bool can_drive_with_cameras() { return has_cameras() && std::filesystem::exists(simulator_program()); }
 
-Scenario<SE3> camera_scenario(std::uint64_t seed) {
+Scenario<SE3> camera_scenario(std::uint64_t seed, std::optional<double> distance_m) {
   const StreetParams paper;  // the prior is that of the landmark-level run
   Scenario<SE3> scenario;
   scenario.name = "camera";
   scenario.source = "convoy sim, the generated district, two vehicles with cameras";
   scenario.seed = seed;
   scenario.common_frame_vehicle = 1;
-  scenario.duration_s = loop_s;
+  scenario.duration_s = distance_m ? *distance_m / speed_mps : loop_s;
   scenario.vehicles.resize(2);
   scenario.vehicles[0].id = 1;
   scenario.vehicles[0].prior = StaticPrior<SE3>{};
@@ -55,12 +55,13 @@ Scenario<SE3> camera_scenario(std::uint64_t seed) {
 }
 
 CameraDrive::CameraDrive(const std::filesystem::path& run_folder, const Scenario<SE3>& scenario,
-                         std::uint32_t fleet_domain)
+                         std::uint32_t fleet_domain, std::optional<double> distance_m)
     : folder_(run_folder),
       seed_(scenario.seed),
       vehicles_(scenario.vehicles.size()),
       sensor_domain_(beside(fleet_domain, 27)),
       truth_domain_(beside(fleet_domain, 54)),
+      distance_m_(distance_m),
       truth_(truth_domain_, run_folder, ids_of(scenario)) {}
 
 void CameraDrive::equip(VehicleConfig<SE3>& config) const {
@@ -71,12 +72,25 @@ void CameraDrive::equip(VehicleConfig<SE3>& config) const {
 
 void CameraDrive::start() {
   const auto text = [](double value) { return std::to_string(value); };
-  simulator_ = std::make_unique<ChildProcess>(
-      std::vector<std::string>{simulator_program().string(), "--vehicles", std::to_string(vehicles_), "--gap",
-                               text(gap_m), "--speed", text(speed_mps), "--seed", std::to_string(seed_), "--lock-step",
-                               "--deadline", "120", "--truth-depth", "--domain-sensors", std::to_string(sensor_domain_),
-                               "--domain-truth", std::to_string(truth_domain_)},
-      folder_ / "simulator.txt");
+  std::vector<std::string> command{simulator_program().string(),
+                                   "--vehicles",
+                                   std::to_string(vehicles_),
+                                   "--gap",
+                                   text(gap_m),
+                                   "--speed",
+                                   text(speed_mps),
+                                   "--seed",
+                                   std::to_string(seed_),
+                                   "--lock-step",
+                                   "--deadline",
+                                   "120",
+                                   "--truth-depth",
+                                   "--domain-sensors",
+                                   std::to_string(sensor_domain_),
+                                   "--domain-truth",
+                                   std::to_string(truth_domain_)};
+  if (distance_m_) command.insert(command.end(), {"--distance", text(*distance_m_)});
+  simulator_ = std::make_unique<ChildProcess>(command, folder_ / "simulator.txt");
 }
 
 void CameraDrive::tend() {

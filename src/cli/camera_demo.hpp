@@ -18,14 +18,15 @@ namespace convoy::cli {
 /// This program has cameras, and the simulator lies beside it.
 bool can_drive_with_cameras();
 
-/// Two vehicles in the simulator's streets, one 20 m behind the other at 2 m/s, once along the route. The one in front
-/// is the common frame; where the one behind starts is known to within 22 m (paper, Section V). No sensor log, and no
-/// truth yet.
-Scenario<SE3> camera_scenario(std::uint64_t seed);
+/// Two vehicles in the simulator's streets, one 20 m behind the other at 2 m/s, once along the route or so far. The one
+/// in front is the common frame; where the one behind starts is known to within 22 m (paper, Section V). No sensor log,
+/// and no truth yet.
+Scenario<SE3> camera_scenario(std::uint64_t seed, std::optional<double> distance_m = std::nullopt);
 
 class CameraDrive {
  public:
-  CameraDrive(const std::filesystem::path& run_folder, const Scenario<SE3>& scenario, std::uint32_t fleet_domain);
+  CameraDrive(const std::filesystem::path& run_folder, const Scenario<SE3>& scenario, std::uint32_t fleet_domain,
+              std::optional<double> distance_m = std::nullopt);
 
   /// Gives the vehicle its camera.
   void equip(VehicleConfig<SE3>& config) const;
@@ -47,6 +48,7 @@ class CameraDrive {
   std::uint64_t seed_;
   std::size_t vehicles_;
   std::uint32_t sensor_domain_, truth_domain_;
+  std::optional<double> distance_m_;
   TruthListener truth_;
   std::unique_ptr<ChildProcess> simulator_;
   double began_s_ = 0.0, ended_s_ = 0.0,

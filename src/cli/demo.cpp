@@ -117,7 +117,7 @@ class Demo {
     std::printf("      %s, %zu vehicles, %.0f s%s\n", scenario_.name.c_str(), scenario_.vehicles.size(),
                 scenario_.duration_s, cameras_ ? ", in lock-step" : (" at " + number(options_.rate) + "x").c_str());
     if constexpr (G::Dim == 3)
-      if (cameras_) camera_ = std::make_unique<CameraDrive>(options_.out, scenario_, domain_);
+      if (cameras_) camera_ = std::make_unique<CameraDrive>(options_.out, scenario_, domain_, options_.distance_m);
     write_configs();
     std::printf("[2/4] driving: one process per vehicle, DDS domain %u on 127.0.0.1, run folder %s\n", domain_,
                 options_.out.c_str());
@@ -142,7 +142,7 @@ class Demo {
 
   Scenario<G> plan() const {
     if constexpr (G::Dim == 3)
-      if (cameras_) return camera_scenario(options_.seed);
+      if (cameras_) return camera_scenario(options_.seed, options_.distance_m);
     return make_scenario<G>(options_);
   }
 
@@ -428,9 +428,13 @@ class Demo {
 
 }  // namespace
 
+bool drives_with_cameras(const DemoOptions& options) {
+  return !options.fast && !options.space && options.dataset.empty() && can_drive_with_cameras();
+}
+
 int run_demo(const DemoOptions& options) {
   const bool landmarks = options.fast || options.space || !options.dataset.empty();
-  if (!landmarks && can_drive_with_cameras()) return Demo<SE3>(options).run_with_cameras();
+  if (drives_with_cameras(options)) return Demo<SE3>(options).run_with_cameras();
   if (!landmarks)
     std::printf("no cameras here (the simulator or OpenCV was not there when convoy was built): driving as --fast\n");
   return options.space ? Demo<SE3>(options).run() : Demo<SE2>(options).run();

@@ -60,6 +60,9 @@ int main(int argc, char** argv) {
   std::vector<std::string> dataset;
   auto* demo_command = app.add_subcommand("demo", "Drive a fleet on this machine, one process per vehicle, and report");
   demo.out = "convoy-demo";
+  demo_command
+      ->add_option("--distance", demo.distance_m, "metres that the cameras drive, 1 to 100000 (default: once around)")
+      ->check(CLI::Range(1.0, 100000.0));
   demo_command->add_flag("--fast", demo.fast,
                          "sensors that measure landmarks, in place of cameras and a simulator that shows them streets");
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
@@ -95,6 +98,10 @@ int main(int argc, char** argv) {
       "loopback, loopback_udp, lan, lossy_radio, low_bandwidth, or an XML profile file of one's own "
       "(default: loopback_udp)");
   demo_command->callback([&] {
+    for (const char* of_landmarks : {"--rate", "--encounters"})
+      if (cli::drives_with_cameras(demo) && dataset.empty() && demo_command->count(of_landmarks) > 0)
+        throw ConfigError(std::string("demo: ") + of_landmarks +
+                          " is of sensors that measure landmarks; give --fast, too, or --dataset or --space");
     if (!dataset.empty()) {
       demo.dataset = dataset[0];
       demo.dataset_folder = dataset[1];

@@ -65,5 +65,28 @@ TEST_F(CameraVehicle, OneWithoutSensorsSaysWhereItHasListened) {
   EXPECT_FALSE(fs::exists(scratch_ / "vehicle_1")) << "nothing is written before it begins";
 }
 
+TEST_F(CameraVehicle, ADemoOfTwoIsJudgedByWhatTheirPixelsShow) {
+  const fs::path run = scratch_ / "run";
+  const Outcome outcome = run_convoy("demo --distance 40 --out " + run.string());
+  EXPECT_EQ(outcome.status, 0) << outcome.output;
+  const auto metrics = read_json(run / "metrics.json");
+  EXPECT_EQ(metrics["scenario"], "camera");
+  EXPECT_EQ(metrics["map_digests_equal"], true);
+  const auto& a = metrics["associations"];
+  EXPECT_EQ(a["judged_by"], "places") << a;
+  EXPECT_GT(a["true"], 5) << a;
+  EXPECT_LT(a["apart_median_m"], 0.1) << a;
+  for (const auto& vehicle : metrics["vehicles"]) EXPECT_GT(vehicle["poses_judged"], 5) << vehicle;
+  EXPECT_GT(read_json(run / "run.json")["real_time_factor"], 0.0);
+  EXPECT_TRUE(fs::exists(run / "report.html"));
+}
+
+TEST_F(CameraVehicle, ADemoWithCamerasRefusesWhatIsOfLandmarks) {
+  const Outcome outcome = run_convoy("demo --rate 20 --out " + (scratch_ / "run").string());
+  EXPECT_EQ(outcome.status, 2) << outcome.output;
+  EXPECT_NE(outcome.output.find("--rate is of sensors that measure landmarks; give --fast"), std::string::npos)
+      << outcome.output;
+}
+
 }  // namespace
 }  // namespace convoy::testing
