@@ -61,7 +61,7 @@ void tune_for_victoria_park(VehicleConfig<SE2>& c) {
 }
 
 // What two vehicles can have in common of what a camera sees, and a good place for it.
-void tune_for_camera(VehicleConfig<SE3>& c) { c.camera.slam.max_sigma_m = 0.25; }
+void tune_for_camera(VehicleConfig<SE3>& c) { c.camera.slam.max_sigma_m = 0.12; }
 
 template <class G>
 void tune(const Scenario<G>& scenario, VehicleConfig<G>& c) {
