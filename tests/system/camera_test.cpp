@@ -67,7 +67,7 @@ TEST_F(CameraVehicle, OneWithoutSensorsSaysWhereItHasListened) {
 
 TEST_F(CameraVehicle, ADemoOfTwoIsJudgedByWhatTheirPixelsShow) {
   const fs::path run = scratch_ / "run";
-  const Outcome outcome = run_convoy("demo --distance 40 --out " + run.string());
+  const Outcome outcome = run_convoy("demo --distance 120 --out " + run.string());
   EXPECT_EQ(outcome.status, 0) << outcome.output;
   const auto metrics = read_json(run / "metrics.json");
   EXPECT_EQ(metrics["scenario"], "camera");
