@@ -169,6 +169,7 @@ class Lines {
  public:
   void put(const std::string& element, int line) { lines_[element] = line; }
   void put(const std::string& element, const std::string& name, int line) { lines_[element + " " + name] = line; }
+  bool has(const std::string& element) const { return lines_.count(element) != 0; }
   /// Of the entry; if it is not there, of its element; else the first.
   int of(const std::string& element, const std::string& name = {}) const {
     for (const std::string& key : {element + " " + name, element})
@@ -300,6 +301,18 @@ void check_ranges(const std::filesystem::path& file, const VehicleConfig<G>& c, 
   demand(c.sensors.start_unix_s >= 0.0, "sensors", "start_unix_s",
          "be >= 0; 0 is the moment at which the process starts");
 
+  if (lines.has("camera")) {
+    const CameraConfig& camera = c.camera;
+    demand(camera.domain <= 232, "camera", "domain", "be there, and lie in 0..232");
+    demand(camera.domain != c.dds.domain, "camera", "domain",
+           "differ from <dds domain>: sensors and fleet do not share one");
+    demand(!camera.interfaces.empty(), "camera", "interfaces", "name an address of this machine, such as 127.0.0.1");
+    demand(camera.wait_s >= 0.0 && camera.wait_s <= 86400.0, "camera", "wait_s", "lie in 0..86400 s");
+    demand(camera.features >= 12 && camera.features <= 400, "camera", "features", "lie in 12..400");
+    demand(camera.new_features >= 1 && camera.new_features <= 100, "camera", "new_features", "lie in 1..100");
+    demand(c.sensors.file.empty(), "sensors", "file", "not stand beside <camera>: a vehicle has one or the other");
+  }
+
   above_zero(v.submaps.map_period_s, "map", "period_s");
   demand(v.submaps.exact_share >= 0.0, "map", "exact_share", "be >= 0; 0 builds the exact map when nothing new comes");
   above_zero(v.submaps.stale_peer_s, "map", "stale_peer_s");
@@ -385,6 +398,8 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
     if (element == nullptr)
       refuse(at(file, line), "<convoy> holds elements and comments only; take out the text in it");
     const std::string name = element->Name();
+    if (!elements.count(name) && name == "camera")
+      refuse(at(file, line), "<camera> is of a vehicle in space: it needs <fleet dimension=\"3\"/>");
     if (!elements.count(name)) {
       std::string allowed;
       for (const std::string& known : elements) allowed += (allowed.empty() ? "<" : ", <") + known + ">";
@@ -405,6 +420,7 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
   check_static_bias(file, config, lines);
   check(file, lines, "drift", config.vehicle.drift);
   check(file, lines, "front_end", config.front_end);
+  check(file, lines, "camera", config.camera.slam);
   check(file, lines, "association", config.vehicle.association);
   check(file, lines, "map", config.vehicle.submaps.selection);
   check(file, lines, "repair", config.vehicle.submaps.repair);
@@ -421,6 +437,7 @@ VehicleConfig<G> load_vehicle_config(const std::filesystem::path& file) {
     config.dds.security_folder = beside(file, config.dds.security_folder).string();
   config.sensors.file = beside(file, config.sensors.file);
   config.sensors.origin = at(file, lines.of("sensors", "file"));
+  config.camera.origin = at(file, lines.of("camera"));
   config.vehicle.state_folder = beside(file, config.vehicle.state_folder);
   config.output_folder =
       config.output_folder.empty() ? std::filesystem::absolute(file).parent_path() : beside(file, config.output_folder);

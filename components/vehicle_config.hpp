@@ -17,6 +17,8 @@
 //     <sensors file="sensors.csv" rate="1"/>
 //   </convoy>
 //
+// In space a vehicle may have, instead of a sensor log, <camera domain="10" lock_step="false" .../>: CameraConfig.
+//
 // <vehicle journal="true"/>: the state folder keeps all facts, too. Defaults and meanings: qos_profiles/README.md.
 //
 // Paths are relative to the folder of the file. `first_epoch` replaces the clock as the source of epochs: a run can
@@ -34,9 +36,11 @@
 #include <convoy/exchange/impairment.hpp>
 #include <convoy/frontend/range_bearing_ekf.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/monocular/monocular_params.hpp>
 
 #include <filesystem>
 #include <string>
+#include <vector>
 
 namespace convoy {
 
@@ -56,6 +60,23 @@ struct SensorLogConfig {
   typename G::Point fix_lever = G::Point::Zero();  ///< the antenna in the body frame [m]
 };
 
+/// A vehicle in space whose sensors are topics of idl/sensors.idl: a camera and an odometer, if asked for GPS. Its SLAM
+/// is the monocular one.
+struct CameraConfig {
+  static constexpr std::uint32_t no_domain = 233;       ///< one more than there are
+  std::uint32_t domain = no_domain;                     ///< DDS domain of the sensors, 0..232; not that of the fleet
+  bool lock_step = false;                               ///< the sensors wait for the vehicle after each step
+  std::vector<std::string> interfaces = {"127.0.0.1"};  ///< on which they are heard; not empty
+  double wait_s = 30.0;                                 ///< for the camera's calibration at the start, 0..86400
+  bool gps = false;                                     ///< use absolute fixes, too
+  int features = 50;                                    ///< tracks that are followed at once: 12..400
+  int new_features = 12;                                ///< of them started in one image at most: 1..100
+  MonocularParams slam;
+  std::string origin;  ///< file:line where it is given, for messages
+
+  bool given() const { return domain != no_domain; }
+};
+
 template <class G>
 struct VehicleConfig {
   std::filesystem::path file;  ///< where it was read from
@@ -65,6 +86,7 @@ struct VehicleConfig {
   dds::DdsConfig dds;
   Impairments impairment;  ///< of the network, for trials; see dds/impaired_transport.hpp
   SensorLogConfig<G> sensors;
+  CameraConfig camera;                  ///< in space; if given, there is no sensor log
   std::filesystem::path output_folder;  ///< what a run writes; default: the folder of the file
 };
 

@@ -19,6 +19,41 @@ void describe(const char* element, Impairment& i, Visitor& visit) {
   visit(element, "seed", i.seed);
 }
 
+template <class Visitor>
+void describe(CameraConfig& c, Visitor& visit) {
+  visit("camera", "domain", c.domain);
+  visit("camera", "lock_step", c.lock_step);
+  visit("camera", "interfaces", c.interfaces);
+  visit("camera", "wait_s", c.wait_s);
+  visit("camera", "gps", c.gps);
+  visit("camera", "features", c.features);
+  visit("camera", "new_features", c.new_features);
+  MonocularParams& m = c.slam;
+  visit("camera", "sigma_pixel", m.sigma_pixel);
+  visit("camera", "sigma_along_per_sqrt_m", m.sigma_along_per_sqrt_m);
+  visit("camera", "sigma_along_per_sqrt_rad", m.sigma_along_per_sqrt_rad);
+  visit("camera", "sigma_across_per_sqrt_m", m.sigma_across_per_sqrt_m);
+  visit("camera", "sigma_heading_per_sqrt_m", m.sigma_heading_per_sqrt_m);
+  visit("camera", "sigma_heading_per_sqrt_rad", m.sigma_heading_per_sqrt_rad);
+  visit("camera", "sigma_heading_per_sqrt_s", m.sigma_heading_per_sqrt_s);
+  visit("camera", "sigma_vertical_per_sqrt_m", m.sigma_vertical_per_sqrt_m);
+  visit("camera", "sigma_tilt_per_sqrt_m", m.sigma_tilt_per_sqrt_m);
+  visit("camera", "distance_scale", m.distance_scale);
+  visit("camera", "angle_scale", m.angle_scale);
+  visit("camera", "sigma_scale", m.sigma_scale);
+  visit("camera", "sigma_yaw_bias_radps", m.sigma_yaw_bias_radps);
+  visit("camera", "sigma_yaw_bias_walk_per_sqrt_s", m.sigma_yaw_bias_walk_per_sqrt_s);
+  visit("camera", "max_odometry_gap_s", m.max_odometry_gap_s);
+  visit("camera", "max_landmark_distance_m", m.max_landmark_distance_m);
+  visit("camera", "max_landmarks", m.max_landmarks);
+  visit("camera", "min_sightings", m.min_sightings);
+  visit("camera", "max_sigma_m", m.max_sigma_m);
+  visit("camera", "segment_length_m", m.segment_length_m);
+  visit("camera", "min_batch", m.min_batch);
+  visit("camera", "max_segment_length_m", m.max_segment_length_m);
+  visit("camera", "trail_spacing_m", m.trail_spacing_m);
+}
+
 template <class G, class Visitor>
 void describe(VehicleConfig<G>& c, Visitor&& visit) {
   constexpr bool in_space = G::Dim == 3;
@@ -189,6 +224,7 @@ void describe(VehicleConfig<G>& c, Visitor&& visit) {
   if constexpr (in_space) {
     visit("vehicle", "mark_z_m", v.mark[2]);
     visit("sensors", "fix_lever_z_m", c.sensors.fix_lever[2]);
+    describe(c.camera, visit);
   }
 }
 

@@ -21,6 +21,7 @@
 #include <thread>
 #include <vector>
 
+#include "camera_demo.hpp"
 #include "child_process.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
@@ -43,6 +44,12 @@ constexpr double silence_s = 5.0;          // a vehicle speaks every quarter of 
 
 double unix_now_s() {
   return std::chrono::duration<double>(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%g", value);
+  return text;
 }
 
 template <class G>
@@ -93,16 +100,24 @@ class Demo {
     if (fs::exists(options.out / "run.json") || fs::exists(options.out / "scenario.json")) refuse_folder();
   }
 
+  /// With cameras, in the simulator's streets.
+  int run_with_cameras() requires(G::Dim == 3) {
+    cameras_ = true;
+    return run();
+  }
+
   int run() {
     std::printf("[1/4] scenario\n");
     std::fflush(stdout);
-    scenario_ = make_scenario<G>(options_);
+    scenario_ = plan();
     choose_domain();  // before anything is written
     claim_folder();
     scenario_.write(options_.out);
     write_text_file(options_.out / "profile.xml", read_text_file(profile_));
-    std::printf("      %s, %zu vehicles, %.0f s at %gx\n", scenario_.name.c_str(), scenario_.vehicles.size(),
-                scenario_.duration_s, options_.rate);
+    std::printf("      %s, %zu vehicles, %.0f s%s\n", scenario_.name.c_str(), scenario_.vehicles.size(),
+                scenario_.duration_s, cameras_ ? ", in lock-step" : (" at " + number(options_.rate) + "x").c_str());
+    if constexpr (G::Dim == 3)
+      if (cameras_) camera_ = std::make_unique<CameraDrive>(options_.out, scenario_, domain_, options_.distance_m);
     write_configs();
     std::printf("[2/4] driving: one process per vehicle, DDS domain %u on 127.0.0.1, run folder %s\n", domain_,
                 options_.out.c_str());
@@ -110,6 +125,7 @@ class Demo {
     std::signal(SIGTERM, [](int) { interrupted = 1; });
     for (Member& member : members_) start(member);
     const double began_s = unix_now_s();
+    if (camera_) camera_->start();
     drive();
     std::printf("[3/4] collecting\n");
     collect(unix_now_s() - began_s);
@@ -122,6 +138,12 @@ class Demo {
     throw ConfigError(
         options_.out.string() +
         ": holds a run already, or another demo has begun one; name another folder with --out, or delete it");
+  }
+
+  Scenario<G> plan() const {
+    if constexpr (G::Dim == 3)
+      if (cameras_) return camera_scenario(options_.seed, options_.distance_m);
+    return make_scenario<G>(options_);
   }
 
   // Of two demos that were given one folder, one makes scenario.json first, and the other is told.
@@ -183,10 +205,12 @@ class Demo {
       c.impairment = impairment_;
       c.impairment.received.seed += log.id;
       c.impairment.sent.seed += log.id;
-      c.sensors.file = "sensors.csv";
-      c.sensors.encounters = options_.encounters;
-      c.sensors.rate = options_.rate;
-      c.sensors.start_unix_s = start_unix_s_;
+      if (!equip_with_camera(c)) {
+        c.sensors.file = "sensors.csv";
+        c.sensors.encounters = options_.encounters;
+        c.sensors.rate = options_.rate;
+        c.sensors.start_unix_s = start_unix_s_;
+      }
       if (options_.literal) use_paper_method(c);
       Member member;
       member.id = log.id;
@@ -196,11 +220,18 @@ class Demo {
     }
   }
 
+  bool equip_with_camera(VehicleConfig<G>& c) const {
+    if constexpr (G::Dim == 3)
+      if (camera_) camera_->equip(c);
+    return camera_ != nullptr;
+  }
+
   fs::path log_of(const Member& member) const { return vehicle_folder(options_.out, member.id) / "log.txt"; }
 
   void start(Member& member) {
-    member.process = std::make_unique<ChildProcess>(
-        std::vector<std::string>{this_program().string(), "vehicle", member.config.string()}, log_of(member));
+    std::vector<std::string> command{this_program().string(), "vehicle", member.config.string()};
+    if (camera_) command.push_back("--sightings");
+    member.process = std::make_unique<ChildProcess>(command, log_of(member));
     member.status = json::object();
     member.heard_unix_s = unix_now_s();
   }
@@ -215,6 +246,7 @@ class Demo {
         break;
       }
       for (Member& member : members_) watch(member);
+      if (camera_ && !tend_camera()) break;
       const double now_s = unix_now_s();
       if (now_s >= next_progress_s) {
         progress();
@@ -234,10 +266,20 @@ class Demo {
             options_.settle_timeout_s);
         break;
       }
-      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      std::this_thread::sleep_for(std::chrono::milliseconds(camera_ ? 5 : 20));
     }
     progress();
     if (isatty(STDOUT_FILENO)) std::printf("\n");
+  }
+
+  // False: the simulator has given up, and there is nothing to wait for.
+  bool tend_camera() {
+    camera_->tend();
+    const auto fault = camera_->fault();
+    if (!fault) return true;
+    settled_ = false;
+    std::printf("\n      the simulator has ended (%s); judging what there is\n", fault->c_str());
+    return false;
   }
 
   void watch(Member& member) {
@@ -338,6 +380,11 @@ class Demo {
       if (member.lost) lost.push_back(member.id);
     }
     json run;
+    if constexpr (G::Dim == 3)
+      if (camera_) {
+        camera_->write_truth(scenario_);
+        if (const auto factor = camera_->real_time_factor()) run["real_time_factor"] = *factor;
+      }
     run["scenario"] = scenario_.name;
     run["source"] = scenario_.source;
     run["seed"] = scenario_.seed;
@@ -374,11 +421,23 @@ class Demo {
   std::uint32_t domain_ = 0;
   double start_unix_s_ = 0.0;
   std::vector<Member> members_;
-  bool settled_ = true;  // all that lived held the same facts and the same map in the end
+  bool cameras_ = false;
+  std::unique_ptr<CameraDrive> camera_;  // if with cameras
+  bool settled_ = true;                  // all that lived held the same facts and the same map in the end
 };
 
 }  // namespace
 
-int run_demo(const DemoOptions& options) { return options.space ? Demo<SE3>(options).run() : Demo<SE2>(options).run(); }
+bool drives_with_cameras(const DemoOptions& options) {
+  return !options.fast && !options.space && options.dataset.empty() && can_drive_with_cameras();
+}
+
+int run_demo(const DemoOptions& options) {
+  const bool landmarks = options.fast || options.space || !options.dataset.empty();
+  if (drives_with_cameras(options)) return Demo<SE3>(options).run_with_cameras();
+  if (!landmarks)
+    std::printf("no cameras here (the simulator or OpenCV was not there when convoy was built): driving as --fast\n");
+  return options.space ? Demo<SE3>(options).run() : Demo<SE2>(options).run();
+}
 
 }  // namespace convoy::cli

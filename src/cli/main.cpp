@@ -61,6 +61,11 @@ int main(int argc, char** argv) {
   std::vector<std::string> dataset;
   auto* demo_command = app.add_subcommand("demo", "Drive a fleet on this machine, one process per vehicle, and report");
   demo.out = "convoy-demo";
+  demo_command
+      ->add_option("--distance", demo.distance_m, "metres that the cameras drive, 1 to 100000 (default: once around)")
+      ->check(CLI::Range(1.0, 100000.0));
+  demo_command->add_flag("--fast", demo.fast,
+                         "sensors that measure landmarks, in place of cameras and a simulator that shows them streets");
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
   demo_command->add_option("--dataset", dataset, "KIND FOLDER of a recorded data set; kinds: mrclam, victoria-park")
       ->expected(2);
@@ -94,6 +99,10 @@ int main(int argc, char** argv) {
       "loopback, loopback_udp, lan, lossy_radio, low_bandwidth, or an XML profile file of one's own "
       "(default: loopback_udp)");
   demo_command->callback([&] {
+    for (const char* of_landmarks : {"--rate", "--encounters"})
+      if (cli::drives_with_cameras(demo) && dataset.empty() && demo_command->count(of_landmarks) > 0)
+        throw ConfigError(std::string("demo: ") + of_landmarks +
+                          " is of sensors that measure landmarks; give --fast, too, or --dataset or --space");
     if (!dataset.empty()) {
       demo.dataset = dataset[0];
       demo.dataset_folder = dataset[1];
@@ -112,6 +121,8 @@ int main(int argc, char** argv) {
                    "seconds between status lines, 0.01 to 86400 (default: 0.25)")
       ->check(CLI::Range(0.01, 86400.0));
   vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
+  vehicle_command->add_flag("--sightings", vehicle.sightings,
+                            "write sightings.csv: in which pixel the camera saw each landmark, for a judge");
   vehicle_command->add_option("--impair", vehicle.impair, impairments + "; instead of the configuration's");
   vehicle_command->add_option("--out", vehicle.out,
                               "folder for what it writes (default: the configuration's); the state folder, which holds "

@@ -14,14 +14,18 @@
 
 namespace convoy::cli {
 
-void become_simulator(int argc, char** argv) {
+std::filesystem::path simulator_program() {
   const std::filesystem::path folder = this_program().parent_path();
   std::filesystem::path program = folder / "convoy-sim";
   if (const auto built = folder / "../../tests/simulator/convoy-sim";  // this is src/cli of a build tree
       !std::filesystem::exists(program) && std::filesystem::exists(built))
     program = built;
+  return program;
+}
+
+void become_simulator(int argc, char** argv) {
   std::vector<char*> words(argv + 1, argv + argc);
-  std::string name = program.string();
+  std::string name = simulator_program().string();
   words.front() = name.data();
   words.push_back(nullptr);
   execv(name.c_str(), words.data());

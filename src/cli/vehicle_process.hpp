@@ -13,6 +13,7 @@ struct VehicleRunOptions {
   bool now = false;               ///< the sensor log begins now, whatever the configuration says
   std::string impair;             ///< instead of the configuration's, see Impairments::parse; empty: that one
   std::filesystem::path out;      ///< instead of the configuration's output folder; empty: that one
+  bool sightings = false;         ///< of landmarks by a camera: sightings.csv in the output folder
   double status_period_s = 0.25;  ///< one JSON status line on standard output per such time [s], > 0
 };
 

@@ -367,6 +367,13 @@ std::optional<Eigen::Vector3d> Rasteriser::world_point(double u, double v) const
   return there->p_world;
 }
 
+float Rasteriser::depth(int x, int y) const {
+  const Eigen::Vector3d along(ray_x_.at(x, y), ray_y_.at(x, y), 1.0);
+  const std::uint32_t id = id_at(along.head<2>());
+  if (id == VisibilityBuffer::kNothing) return 0.0F;
+  return static_cast<float>(1.0 / std::max(drawn_[id].inverse_depth.dot(along), 1e-4));
+}
+
 std::optional<Eigen::Vector2d> Rasteriser::project(const Eigen::Vector3d& p_world) const {
   const auto pixel = lens_.pixel_of(T_world_camera_.inverse() * p_world);
   return pixel && lens_.in_frame(*pixel) ? pixel : std::nullopt;

@@ -55,6 +55,8 @@ class Rasteriser {
   /// What is at a place of the frame [px], from the plane of the triangle seen there; none: sky, or not in the frame.
   std::optional<Hit> hit(double u, double v) const;
   std::optional<Eigen::Vector3d> world_point(double u, double v) const;
+  /// How far away along the camera's z is what a pixel shows [m]; 0: the sky. The same as by world_point(), but sooner.
+  float depth(int x, int y) const;
   /// Where a world point is in the frame [px], be it hidden or not; none: outside the frame.
   std::optional<Eigen::Vector2d> project(const Eigen::Vector3d& p_world) const;
   /// In the frame with nothing more than tolerance_m in front of it.

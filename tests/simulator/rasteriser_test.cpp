@@ -44,6 +44,25 @@ TEST(Rasteriser, WhatIsNearerHidesWhateverTheOrder) {
   EXPECT_FLOAT_EQ(middle(boards({shaded})), 50.0F);
 }
 
+TEST(Rasteriser, DepthIsThatOfTheWorldPoint) {
+  const Scene scene = test_street();
+  Rasteriser rasteriser(scene, Lens(LensParams{}));
+  const Eigen::Isometry3d pose = test_pose(40.3, 2.2, 33.0);
+  rasteriser.render(pose);
+  int pixels = 0, others = 0, skies = 0;
+  for (int y = 0; y < 480; y += 5)
+    for (int x = 0; x < 640; x += 5) {
+      const auto point = rasteriser.world_point(x, y);
+      const double depth = rasteriser.depth(x, y), exact = point ? (pose.inverse() * *point).z() : 0.0;
+      ++pixels;
+      skies += depth == 0.0;
+      others += std::abs(depth - exact) > 1e-4 * exact;  // an edge, at which a ray of floats meets what is beside it
+    }
+  EXPECT_LE(others, pixels / 1000);
+  EXPECT_GT(skies, 100);
+  EXPECT_LT(skies, pixels / 2);
+}
+
 TEST(Rasteriser, ADecalWinsOverWhatItLiesOnAndNotOverWhatIsInFront) {
   for (const double distance : {0.5, 5.0, 50.0, 300.0}) {
     Mesh decal = board(distance, 0.4 * distance, 2);

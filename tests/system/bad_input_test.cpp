@@ -115,7 +115,7 @@ TEST_F(BadVehicle, FoldersThatCannotBeWrittenAreNamed) {
   expect_refusal(arguments(), "file/state/lock: cannot write");
   prepare("output_folder=\"" + (file / "out").string() + "\"", sensors);
   expect_refusal(arguments(), "file/out/live.csv: cannot write");
-  expect_refusal("demo --out " + (file / "run").string(), "file/run");
+  expect_refusal("demo --fast --out " + (file / "run").string(), "file/run");
   EXPECT_EQ(read_text(file), "what stood here before");
 }
 
@@ -260,14 +260,14 @@ TEST(BadInput, AnUnknownCommandIsNamedBesideThoseThereAre) {
 
 TEST(BadInput, AnImpairmentThatMakesNoSenseIsRefused) {
   const ScratchFolder scratch;
-  expect_refusal("demo --impair loss=abc --out " + (scratch / "run").string(), "('abc' is no number)");
-  expect_refusal("demo --impair loss=2 --out " + (scratch / "run").string(), "cannot use 'loss=2'");
+  expect_refusal("demo --fast --impair loss=abc --out " + (scratch / "run").string(), "('abc' is no number)");
+  expect_refusal("demo --fast --impair loss=2 --out " + (scratch / "run").string(), "cannot use 'loss=2'");
 }
 
 TEST(BadInput, ARunIsNeverWrittenOver) {
   const ScratchFolder scratch;
   write(scratch / "run.json", "{}");
-  expect_refusal("demo --out " + scratch.path().string(), "holds a run already");
+  expect_refusal("demo --fast --out " + scratch.path().string(), "holds a run already");
 }
 
 TEST(BadInput, OfTwoDemosWithOneFolderTheSecondIsRefused) {
@@ -276,8 +276,8 @@ TEST(BadInput, OfTwoDemosWithOneFolderTheSecondIsRefused) {
   std::vector<std::string> outputs;
   std::vector<int> statuses;
   {
-    Background one({"demo", "--rate", "40", "--out", run}, scratch / "one"),
-        two({"demo", "--rate", "40", "--out", run}, scratch / "two");
+    Background one({"demo", "--fast", "--rate", "40", "--out", run}, scratch / "one"),
+        two({"demo", "--fast", "--rate", "40", "--out", run}, scratch / "two");
     statuses = {one.wait(), two.wait()};
   }
   for (const char* name : {"one", "two"}) outputs.push_back(read_text(scratch / name));

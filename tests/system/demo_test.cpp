@@ -49,7 +49,7 @@ void expect_whole(const json& metrics) {
 
 TEST(Demo, TwoVehiclesOnTheStreetShareOneConsistentMap) {
   const ScratchFolder scratch;
-  const Outcome outcome = run_convoy("demo --rate 15 --seed 1 --out " + (scratch / "run").string());
+  const Outcome outcome = run_convoy("demo --fast --rate 15 --seed 1 --out " + (scratch / "run").string());
   ASSERT_EQ(outcome.status, 0) << outcome.output;
   const json metrics = read_json(scratch / "run/metrics.json");
   expect_whole(metrics);
@@ -71,7 +71,7 @@ class DemoByProfile : public ::testing::TestWithParam<const char*> {};
 
 TEST_P(DemoByProfile, SharesOneConsistentMap) {
   const ScratchFolder scratch;
-  const Outcome outcome = run_convoy("demo --rate 20 --impair loss=0.1,delay=2ms --profile " +
+  const Outcome outcome = run_convoy("demo --fast --rate 20 --impair loss=0.1,delay=2ms --profile " +
                                      std::string(GetParam()) + " --out " + (scratch / "run").string());
   ASSERT_EQ(outcome.status, 0) << outcome.output;
   expect_whole(read_json(scratch / "run/metrics.json"));
@@ -115,9 +115,9 @@ TEST(Demo, ASpaceRunIsOfTheStreetAlone) {
 
 TEST(Demo, LossDuplicatesAndReorderingEndInTheSameMap) {
   const ScratchFolder scratch;
-  const Outcome plain = run_convoy("demo --rate 20 --seed 2 --out " + (scratch / "plain").string());
+  const Outcome plain = run_convoy("demo --fast --rate 20 --seed 2 --out " + (scratch / "plain").string());
   const Outcome impaired =
-      run_convoy("demo --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=20ms,jitter=100ms,seed=5 --out " +
+      run_convoy("demo --fast --rate 20 --seed 2 --impair loss=0.3,duplicate=0.3,delay=20ms,jitter=100ms,seed=5 --out " +
                  (scratch / "impaired").string());
   ASSERT_EQ(plain.status, 0) << plain.output;
   ASSERT_EQ(impaired.status, 0) << impaired.output;
@@ -132,7 +132,7 @@ TEST(Demo, AVehicleThatIsKilledLeavesItsSubmapAndRejoins) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
   auto demo =
-      std::async(std::launch::async, [&] { return run_convoy("demo --rate 10 --restart-lost --out " + run.string()); });
+      std::async(std::launch::async, [&] { return run_convoy("demo --fast --rate 10 --restart-lost --out " + run.string()); });
   ASSERT_TRUE(wait_for_rows(run / "vehicle_2/labels.csv", 40));
   const pid_t victim = vehicle_pid(run / "vehicle_2/config.xml");
   ASSERT_GT(victim, 1);
@@ -157,7 +157,7 @@ TEST(Demo, AVehicleThatIsKilledLeavesItsSubmapAndRejoins) {
 TEST(Demo, TheOthersFinishWithoutAVehicleThatNeverComesBack) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
-  auto demo = std::async(std::launch::async, [&] { return run_convoy("demo --rate 15 --out " + run.string()); });
+  auto demo = std::async(std::launch::async, [&] { return run_convoy("demo --fast --rate 15 --out " + run.string()); });
   ASSERT_TRUE(wait_for_rows(run / "vehicle_2/labels.csv", 20));
   const pid_t victim = vehicle_pid(run / "vehicle_2/config.xml");
   ASSERT_GT(victim, 1);
@@ -173,7 +173,7 @@ TEST(Demo, TheOthersFinishWithoutAVehicleThatNeverComesBack) {
 TEST(Demo, WhenNoneIsLeftItSaysSoAndFails) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
-  Background demo({"demo", "--rate", "10", "--out", run.string()}, scratch / "output");
+  Background demo({"demo", "--fast", "--rate", "10", "--out", run.string()}, scratch / "output");
   for (const char* id : {"1", "2"}) {
     const fs::path folder = run / (std::string("vehicle_") + id);
     ASSERT_TRUE(wait_for_rows(folder / "live.csv", 3));
@@ -197,7 +197,7 @@ TEST(Demo, WhenNoneIsLeftItSaysSoAndFails) {
 TEST(Demo, AVehicleThatFallsSilentIsNamedOnceAndMayComeBack) {
   const ScratchFolder scratch;
   const fs::path run = scratch / "run";
-  Background demo({"demo", "--rate", "10", "--out", run.string()}, scratch / "output");
+  Background demo({"demo", "--fast", "--rate", "10", "--out", run.string()}, scratch / "output");
   ASSERT_TRUE(wait_for_rows(run / "vehicle_2/live.csv", 3));
   const pid_t victim = vehicle_pid(run / "vehicle_2/config.xml");
   ASSERT_GT(victim, 1);

@@ -36,7 +36,7 @@ bool impersonated(const json& status) {
 }
 
 void expect_no_demo(const fs::path& run) {
-  const Outcome refused = run_convoy("demo --domain " + domain() + " --out " + run.string());
+  const Outcome refused = run_convoy("demo --fast --domain " + domain() + " --out " + run.string());
   EXPECT_EQ(refused.status, 2);
   EXPECT_NE(refused.output.find("another convoy fleet is heard on DDS domain " + domain()), std::string::npos)
       << refused.output;
@@ -139,7 +139,7 @@ TEST(Fleets, ADemoDoesNotBeginWhereAnotherFleetIsHeard) {
   expect_no_demo(run);
   other.send(SIGKILL);
   other.wait();
-  const Outcome alone = run_convoy("demo --rate 40 --domain " + domain() + " --out " + run.string());
+  const Outcome alone = run_convoy("demo --fast --rate 40 --domain " + domain() + " --out " + run.string());
   EXPECT_EQ(alone.status, 0) << alone.output;
   for (const json& vehicle : read_json(run / "metrics.json")["vehicles"]) EXPECT_EQ(vehicle["reasons"], json::array());
 }
@@ -167,7 +167,7 @@ TEST(Fleets, AMissingSensorLogIsToldWithTheLineThatNamesIt) {
 TEST(Fleets, ADemoIntoWhichAnotherFleetBreaksSaysSoAndFails) {
   const ScratchFolder scratch;
   const fs::path config = vehicle_one(scratch / "one"), run = scratch / "run";
-  Background demo({"demo", "--rate", "20", "--domain", domain(), "--out", run.string()}, scratch / "output");
+  Background demo({"demo", "--fast", "--rate", "20", "--domain", domain(), "--out", run.string()}, scratch / "output");
   ASSERT_TRUE(eventually([&] { return read_text(run / "vehicle_1/live.csv").size() > 1000; }));
   Background other({"vehicle", config.string()}, scratch / "one/output");
   EXPECT_EQ(demo.wait(), 1);

@@ -34,11 +34,14 @@
 // says nothing.
 //
 // Associations. Where the tracks of a run are landmarks, a pairing is true if both are the same (judged_by
-// "identities"), and a hypothesis false if one of its pairings is. Where nobody knows the landmarks and the truth of
-// poses is itself a measurement (Scenario::pose_tolerance), judged_by is "poses": a hypothesis is false if the true
-// poses at the two anchors put its landmarks, as each batch has them, further apart than that tolerance in the mean, or
-// turn them against each other; hypotheses_unjudged count those with no true pose. Of single pairings nothing is said
-// then, nor of covariances; errors of poses and distances are those of the truth, too.
+// "identities"), and a hypothesis false if one of its pairings is. Where cameras follow what has no name, the truth has
+// the point of the world that each track's pixels showed (truth/tracks_<id>.csv), and a pairing is true if the two are
+// no further apart than same_place_m ("places"; apart_median_m and apart_p95_m are of all pairings judged). Where
+// nobody knows the landmarks and the truth of poses is itself a measurement (Scenario::pose_tolerance), judged_by is
+// "poses": a hypothesis is false if the true poses at the two anchors put its landmarks, as each batch has them,
+// further apart than that tolerance in the mean, or turn them against each other; hypotheses_unjudged count those with
+// no true pose. Of single pairings nothing is said then, nor of covariances; errors of poses and distances are those of
+// the truth, too.
 //
 // The entry "front_end", of a run of one vehicle with a camera, is told of in front_end_record.hpp; null otherwise.
 //

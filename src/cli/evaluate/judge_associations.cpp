@@ -12,8 +12,34 @@ namespace {
 
 enum class Verdict { right, wrong, unknown };
 
+/// Nothing, where the truth does not know one of the two.
+template <class G>
+std::optional<double> distance_apart(const RunRecord<G>& run, const Pairing& pairing) {
+  const auto place_of = [&run](const Key& key) -> const Eigen::Vector3d* {
+    const VehicleRecord<G>* author = run.find(key.chain.vehicle);
+    if (!author) return nullptr;
+    const auto track = author->track_of_landmark.find({key.chain.epoch, key.index});
+    if (track == author->track_of_landmark.end()) return nullptr;
+    const auto place = author->place_of_track.find(track->second);
+    return place == author->place_of_track.end() ? nullptr : &place->second;
+  };
+  const auto *first = place_of(pairing.first), *second = place_of(pairing.second);
+  if (!first || !second) return std::nullopt;
+  return (*first - *second).norm();
+}
+
+template <class G>
+bool judged_by_places(const RunRecord<G>& run) {
+  return std::any_of(run.vehicles.begin(), run.vehicles.end(), [](const auto& v) { return !v.place_of_track.empty(); });
+}
+
 template <class G>
 Verdict verdict_of(const RunRecord<G>& run, const Pairing& pairing) {
+  if (judged_by_places(run)) {
+    const auto apart_m = distance_apart(run, pairing);
+    if (!apart_m) return Verdict::unknown;
+    return *apart_m <= same_place_m ? Verdict::right : Verdict::wrong;
+  }
   const auto track_of = [&run](const Key& key) -> std::optional<std::uint32_t> {
     const VehicleRecord<G>* author = run.find(key.chain.vehicle);
     if (!author) return std::nullopt;
@@ -116,6 +142,7 @@ json judge_associations(const RunRecord<G>& run) {
   if (!survivor) return {{"accepted", nullptr}, {"true", nullptr}, {"false", nullptr}};
   if (run.pose_tolerance) return judge_associations_by_poses(run, *survivor->map);
   std::set<Pairing> seen;
+  std::vector<double> apart_m;
   int count[3] = {0, 0, 0}, within[3] = {0, 0, 0}, hypotheses = 0, hypotheses_false = 0;
   for (const MapAssociation* association : accepted_by_time(*survivor->map)) {
     bool wrong = false;
@@ -123,14 +150,20 @@ json judge_associations(const RunRecord<G>& run) {
       const Verdict verdict = verdict_of(run, pairing);
       wrong = wrong || verdict == Verdict::wrong;
       if (!seen.insert(pairing).second) continue;  // two hypotheses may hold the same pairing
+      if (const auto distance_m = distance_apart(run, pairing)) apart_m.push_back(*distance_m);
       ++count[static_cast<int>(verdict)];
       within[static_cast<int>(verdict)] += within_one_vehicle(pairing);
     }
     ++hypotheses;
     hypotheses_false += wrong;
   }
-  return {
-      {"judged_by", "identities"},
+  std::sort(apart_m.begin(), apart_m.end());
+  const auto quantile = [&apart_m](double share) {
+    if (apart_m.empty()) return json();
+    return json(apart_m[static_cast<std::size_t>(share * static_cast<double>(apart_m.size() - 1))]);
+  };
+  json judged = {
+      {"judged_by", judged_by_places(run) ? "places" : "identities"},
       {"accepted", seen.size()},
       {"true", count[static_cast<int>(Verdict::right)]},
       {"false", count[static_cast<int>(Verdict::wrong)]},
@@ -142,6 +175,11 @@ json judge_associations(const RunRecord<G>& run) {
       {"hypotheses_accepted", hypotheses},
       {"hypotheses_false", hypotheses_false},
       {"hypotheses_rejected", survivor->map->associations.size() - static_cast<std::size_t>(hypotheses)}};
+  if (judged_by_places(run)) {
+    judged["apart_median_m"] = quantile(0.5);
+    judged["apart_p95_m"] = quantile(0.95);
+  }
+  return judged;
 }
 
 #define CONVOY_INSTANTIATE(G)                                                            \

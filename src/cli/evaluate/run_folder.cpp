@@ -80,6 +80,13 @@ void read_labels(const fs::path& file, bool may_be_cut, VehicleRecord<G>& vehicl
   vehicle.has_labels = true;
 }
 
+template <class G>
+void read_tracks(const fs::path& file, VehicleRecord<G>& vehicle) {
+  TableFile table(file, {.header = tracks_header});
+  while (table.next())
+    vehicle.place_of_track[table.small_number(0)] = {table.number(1), table.number(2), table.number(3)};
+}
+
 /// The list of this name, by `read`; empty if it is not there or null.
 template <class Read>
 auto if_given(const json& object, const char* name, const Read& read) -> std::optional<decltype(read(object))> {
@@ -294,11 +301,19 @@ RunRecord<G> read_run(const fs::path& folder) {
     const fs::path own = vehicle_folder(folder, vehicle.id);
     read_vehicle_files(own, fleet, vehicle);
     if (const auto t_s = first_event<G>(own / "sensors.csv")) run.first_event_s[vehicle.id] = *t_s;
+    if (fs::exists(tracks_file(folder, vehicle.id))) read_tracks(tracks_file(folder, vehicle.id), vehicle);
     if (fs::exists(truth_file(folder, vehicle.id))) vehicle.truth = read_truth<G>(truth_file(folder, vehicle.id));
+    // A camera has no log of its readings. Its vehicle stands still when they begin.
+    if (!vehicle.place_of_track.empty() && !vehicle.truth.empty())
+      run.first_event_s.emplace(vehicle.id, vehicle.truth.front().t_s);
   }
   if (fs::exists(folder / "truth" / "landmarks.csv"))
     run.landmarks = read_landmarks<G>(folder / "truth" / "landmarks.csv");
   return run;
+}
+
+fs::path tracks_file(const fs::path& run_folder, VehicleId id) {
+  return run_folder / "truth" / ("tracks_" + std::to_string(id) + ".csv");
 }
 
 int run_dimension(const fs::path& folder) {

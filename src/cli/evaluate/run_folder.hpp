@@ -31,6 +31,8 @@ inline const std::string trajectory_header = "t_s,abscissa_m," + pose_header<G>(
 template <class G>
 inline const std::string live_header = "t_s,vehicle," + trajectory_header<G>.substr(4) + ",integrity,reasons";
 inline constexpr std::string_view traffic_header = "t_s,bytes_sent,messages_sent";
+/// truth/tracks_<id>.csv, of a vehicle whose tracks nobody has named: where what they follow is in the world.
+inline constexpr std::string_view tracks_header = "track,x_m,y_m,z_m,sightings";
 inline constexpr std::string_view labels_header = "index,epoch,track";
 
 /// A pose with the covariance of its right perturbation, order (rho, theta).
@@ -102,6 +104,7 @@ struct VehicleRecord {
   std::vector<TrafficRow> traffic;
   std::map<std::pair<Epoch, std::uint32_t>, std::uint32_t> track_of_landmark;  ///< (epoch, index) -> true id
   bool has_labels = false;
+  std::map<std::uint32_t, Eigen::Vector3d> place_of_track;  ///< world [m]; empty: tracks are named by what they are
   std::optional<MapRecord<G>> map;
   nlohmann::json summary;                ///< null if missing
   std::vector<FrontEndFrame> front_end;  ///< empty unless it has a camera
@@ -136,6 +139,9 @@ RunRecord<G> read_run(const std::filesystem::path& folder);
 /// a verdict on what is left would be one on another run.
 template <class G>
 void expect_survivors(const RunRecord<G>& run);
+
+/// RUN/truth/tracks_<id>.csv
+std::filesystem::path tracks_file(const std::filesystem::path& run_folder, VehicleId id);
 
 /// What run.json says of the fleet: 2 or 3. Throws ConfigError.
 int run_dimension(const std::filesystem::path& folder);

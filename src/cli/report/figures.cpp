@@ -33,7 +33,7 @@ std::string gauge_note(const RunRecord<G>& run, const json& m) {
 
 template <class G>
 std::string vehicle_name(const RunRecord<G>& run, VehicleId id) {
-  if (run.scenario == "street" && run.vehicles.size() == 2) return id == 1 ? "front vehicle" : "back vehicle";
+  if ((run.scenario == "street" || run.scenario == "camera") && run.vehicles.size() == 2) return id == 1 ? "front vehicle" : "back vehicle";
   return "robot " + std::to_string(id);
 }
 

@@ -137,7 +137,7 @@ struct PoseTolerance {
 
 template <class G>
 struct Scenario {
-  std::string name;    ///< "street", "mrclam" or "victoria-park"
+  std::string name;    ///< "street", "camera", "mrclam" or "victoria-park"
   std::string source;  ///< in words: parameters or folder
   std::uint64_t seed = 0;
   std::vector<VehicleLog<G>> vehicles;          ///< by id

@@ -121,16 +121,12 @@ CameraData data_of(const CameraParams& params) {
           params.T_body_camera};
 }
 
-std::vector<float> depths(const Rasteriser& truth, const Eigen::Isometry3d& T_world_camera) {
-  const Eigen::Isometry3d T_camera_world = T_world_camera.inverse();
+std::vector<float> depths(const Rasteriser& truth) {
   const LensParams& lens = truth.lens().params();
   std::vector<float> all;
   all.reserve(static_cast<std::size_t>(lens.width) * static_cast<std::size_t>(lens.height));
   for (int v = 0; v < lens.height; ++v)
-    for (int u = 0; u < lens.width; ++u) {
-      const auto point = truth.world_point(u, v);
-      all.push_back(point ? static_cast<float>((T_camera_world * *point).z()) : 0.0F);
-    }
+    for (int u = 0; u < lens.width; ++u) all.push_back(truth.depth(u, v));
   return all;
 }
 
@@ -257,7 +253,7 @@ struct LiveSource::Impl {
     frame.width = taken->image.width;
     frame.height = taken->image.height;
     frame.grey = std::move(taken->image.values);
-    if (options.depth) frame.depth_m = depths(cameras[i]->truth(), taken->T_world_camera);
+    if (options.depth) frame.depth_m = depths(cameras[i]->truth());
     step.frames.push_back(std::move(frame));
   }
 

@@ -1,4 +1,5 @@
 #include "evaluate/evaluate.hpp"
+#include "evaluate/judge_associations.hpp"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -325,6 +326,27 @@ TEST(Evaluate, WithoutIdentitiesHypothesesAreJudgedByThePoses) {
   const json a = evaluate(gap).metrics.at("associations");
   EXPECT_EQ(a.at("hypotheses_false"), 0);
   EXPECT_EQ(a.at("hypotheses_unjudged"), 1);
+}
+
+TEST(Evaluate, TracksWithoutNamesAreJudgedByTheirPlaces) {
+  RunRecord<SE2> run = straight_run();
+  run.vehicles[0].map = MapRecord<SE2>{};
+  for (VehicleRecord<SE2>& v : run.vehicles) {
+    v.track_of_landmark = {{{1, 0}, 7}, {{1, 1}, 8}, {{1, 2}, 9}, {{1, 3}, 10}};
+    v.place_of_track = {{7, {5.0, 1.0, 2.0}}, {8, {6.0, 1.0, 2.0}}, {9, {7.0, 1.0, 2.0}}};
+  }
+  run.vehicles[1].place_of_track[8].z() += 0.99 * same_place_m;
+  run.vehicles[1].place_of_track[9].y() += 1.01 * same_place_m;
+  std::vector<Pairing> pairings;
+  for (std::uint32_t i = 0; i < 4; ++i) pairings.push_back(pairing(1, i, 2, i));
+  run.vehicles[0].map->associations.push_back({2, 30.0, true, pairings});
+  const json a = evaluate(run).metrics.at("associations");
+  EXPECT_EQ(a.at("judged_by"), "places");
+  EXPECT_EQ(a.at("true"), 2);
+  EXPECT_EQ(a.at("false"), 1);
+  EXPECT_EQ(a.at("unjudged"), 1) << "of track 10 the truth knows nothing";
+  EXPECT_EQ(a.at("hypotheses_false"), 1);
+  EXPECT_NEAR(a.at("apart_median_m").get<double>(), 0.99 * same_place_m, 1e-12);
 }
 
 TEST(Evaluate, OfCovariancesACoarseTruthSaysNothing) {

@@ -52,7 +52,8 @@ TEST_F(VehicleConfigTest, AWholeFileIsRead) {
   const VehicleConfig<SE2> c = load(
       "<?xml version=\"1.0\"?>\n<!-- a vehicle -->\n<convoy version=\"1\">\n"
       "  <vehicle id=\"2\" state_folder=\"state\" roster=\"1 2\" first_epoch=\"7\"/>\n"
-      "  <dds domain=\"232\" max_queued_messages=\"12\" security=\"vehicle_2\"/>\n  <impairment loss=\"0.5\" seed=\"18446744073709551615\"/>\n"
+      "  <dds domain=\"232\" max_queued_messages=\"12\" security=\"vehicle_2\"/>\n  <impairment loss=\"0.5\" "
+      "seed=\"18446744073709551615\"/>\n"
       "  <sensors file=\"s.csv\" rate=\"1e1\"/>\n</convoy>\n<!-- the end -->\n");
   EXPECT_EQ(c.vehicle.id, 2U);
   EXPECT_EQ(c.vehicle.submaps.limits.roster, (std::vector<VehicleId>{1, 2}));
@@ -142,6 +143,64 @@ TEST_F(VehicleConfigTest, AFleetInSpaceIsSavedAndReadBack) {
   ASSERT_TRUE(back.vehicle.static_bias);
   EXPECT_LT((back.vehicle.static_bias->mean.inverse() * mean).Log().norm(), 1e-14);
   EXPECT_TRUE(back.vehicle.static_bias->covariance.isApprox(c.vehicle.static_bias->covariance, 1e-14));
+}
+
+TEST_F(VehicleConfigTest, ACameraIsReadBackInSpace) {
+  VehicleConfig<SE3> c;
+  c.vehicle.id = 3;
+  EXPECT_FALSE(c.camera.given());
+  c.camera.domain = 10;
+  c.camera.lock_step = c.camera.gps = true;
+  c.camera.interfaces = {"127.0.0.1", "192.0.2.1"};
+  c.camera.features = 80;
+  c.camera.slam.sigma_pixel = 0.8;
+  c.camera.slam.min_batch = 9;
+  save_vehicle_config(c, file_);
+  const CameraConfig back = load_vehicle_config<SE3>(file_).camera;
+  EXPECT_TRUE(back.given());
+  EXPECT_EQ(back.domain, 10U);
+  EXPECT_TRUE(back.lock_step);
+  EXPECT_TRUE(back.gps);
+  EXPECT_EQ(back.interfaces, c.camera.interfaces);
+  EXPECT_EQ(back.features, 80);
+  EXPECT_EQ(back.slam.sigma_pixel, 0.8);
+  EXPECT_EQ(back.slam.min_batch, 9);
+  EXPECT_THAT(back.origin, HasSubstr(file_.string() + ":"));
+}
+
+TEST_F(VehicleConfigTest, ABadCameraIsRefusedWithItsLine) {
+  const auto refusal_of_camera = [&](const std::string& attributes, const std::string& more = "") {
+    std::ofstream(file_, std::ios::trunc)
+        << "<convoy version=\"1\">\n<fleet dimension=\"3\"/><vehicle id=\"1\"/>\n<camera\n"
+        << attributes << "/>\n" + more + "</convoy>\n";
+    try {
+      (void)load_vehicle_config<SE3>(file_);
+    } catch (const ConfigError& error) {
+      return std::string(error.what()).substr(file_.string().size() + 1);
+    }
+    return std::string("accepted");
+  };
+  EXPECT_EQ(refusal_of_camera("domain=\"10\""), "accepted");
+  EXPECT_THAT(refusal_of_camera(""), HasSubstr("3: <camera domain> must be there, and lie in 0..232"));
+  EXPECT_THAT(refusal_of_camera("domain=\"233\""), HasSubstr("4: <camera domain> must be there"));
+  EXPECT_THAT(refusal_of_camera("domain=\"7\"", "<dds domain=\"7\"/>"), HasSubstr("4: <camera domain> must differ"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\" lock_step=\"maybe\""), HasSubstr("4: <camera lock_step>: 'maybe'"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\ninterfaces=\"\""), HasSubstr("5: <camera interfaces> must name"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nfeatures=\"11\""),
+              HasSubstr("5: <camera features> must lie in 12..400"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nnew_features=\"0\""), HasSubstr("5: <camera new_features> must lie"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nwait_s=\"-1\""), HasSubstr("5: <camera wait_s> must lie in 0..86400"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nsigma_pixel=\"0\""),
+              HasSubstr("5: <camera sigma_pixel> must be > 0 (it is 0)"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nsigma_scale=\"-0.1\""),
+              HasSubstr("5: <camera sigma_scale> must be >= 0"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nmax_segment_length_m=\"5\""),
+              HasSubstr("5: <camera max_segment_length_m> must be segment_length_m or more"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"\nfocus=\"5\""), HasSubstr("5: <camera> has no entry 'focus'"));
+  EXPECT_THAT(refusal_of_camera("domain=\"10\"", "<sensors file=\"s.csv\"/>"),
+              HasSubstr("5: <sensors file> must not stand beside <camera>"));
+  EXPECT_THAT(refusal("<convoy version=\"1\"><vehicle id=\"1\"/>\n<camera domain=\"10\"/></convoy>"),
+              HasSubstr("2: <camera> is of a vehicle in space: it needs <fleet dimension=\"3\"/>"));
 }
 
 TEST_F(VehicleConfigTest, TheDimensionOfAFleetIsTwoOrThreeAndThatOfTheProgram) {

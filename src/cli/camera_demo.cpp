@@ -1,0 +1,122 @@
+#include "camera_demo.hpp"
+
+#include <convoy/config_error.hpp>
+#include <convoy/geometry/chi2.hpp>
+
+#include <chrono>
+#include <cmath>
+
+#include "scenario/street.hpp"
+#include "sensor_source.hpp"
+#include "sim.hpp"
+
+namespace convoy::cli {
+namespace {
+
+constexpr double gap_m = 20.0, speed_mps = 2.0;
+constexpr double loop_s = 250.0;  // about: what the route takes at that speed
+
+double steady_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+
+std::vector<VehicleId> ids_of(const Scenario<SE3>& scenario) {
+  std::vector<VehicleId> ids;
+  for (const VehicleLog<SE3>& vehicle : scenario.vehicles) ids.push_back(vehicle.id);
+  return ids;
+}
+
+// Another one of those that demos use; of one domain, no two steps below 80 give the same.
+std::uint32_t beside(std::uint32_t domain, std::uint32_t step) {
+  constexpr std::uint32_t first = 20, count = 80;
+  return first + (domain % count + step) % count;
+}
+
+}  // namespace
+
+bool can_drive_with_cameras() { return has_cameras() && std::filesystem::exists(simulator_program()); }
+
+Scenario<SE3> camera_scenario(std::uint64_t seed, std::optional<double> distance_m) {
+  const StreetParams paper;  // the prior is that of the landmark-level run
+  Scenario<SE3> scenario;
+  scenario.name = "camera";
+  scenario.source = "convoy sim, the generated district, two vehicles with cameras";
+  scenario.seed = seed;
+  scenario.common_frame_vehicle = 1;
+  scenario.duration_s = distance_m ? *distance_m / speed_mps : loop_s;
+  scenario.vehicles.resize(2);
+  scenario.vehicles[0].id = 1;
+  scenario.vehicles[0].prior = StaticPrior<SE3>{};
+  scenario.vehicles[1].id = 2;
+  const double circle_m = paper.prior_circle_m / std::sqrt(chi2_quantile(0.95, 2.0));
+  SE3::Tangent sigma;
+  sigma << circle_m, circle_m, paper.prior_height_sigma_m, paper.prior_tilt_sigma_rad, paper.prior_tilt_sigma_rad,
+      paper.prior_heading_sigma_rad;
+  scenario.vehicles[1].prior = StaticPrior<SE3>{SE3(), sigma};
+  return scenario;
+}
+
+CameraDrive::CameraDrive(const std::filesystem::path& run_folder, const Scenario<SE3>& scenario,
+                         std::uint32_t fleet_domain, std::optional<double> distance_m)
+    : folder_(run_folder),
+      seed_(scenario.seed),
+      vehicles_(scenario.vehicles.size()),
+      sensor_domain_(beside(fleet_domain, 27)),
+      truth_domain_(beside(fleet_domain, 54)),
+      distance_m_(distance_m),
+      truth_(truth_domain_, run_folder, ids_of(scenario)) {}
+
+void CameraDrive::equip(VehicleConfig<SE3>& config) const {
+  config.camera.domain = sensor_domain_;
+  config.camera.lock_step = true;
+  config.camera.wait_s = 120.0;
+}
+
+void CameraDrive::start() {
+  const auto text = [](double value) { return std::to_string(value); };
+  std::vector<std::string> command{simulator_program().string(),
+                                   "--vehicles",
+                                   std::to_string(vehicles_),
+                                   "--gap",
+                                   text(gap_m),
+                                   "--speed",
+                                   text(speed_mps),
+                                   "--seed",
+                                   std::to_string(seed_),
+                                   "--lock-step",
+                                   "--deadline",
+                                   "120",
+                                   "--truth-depth",
+                                   "--domain-sensors",
+                                   std::to_string(sensor_domain_),
+                                   "--domain-truth",
+                                   std::to_string(truth_domain_)};
+  if (distance_m_) command.insert(command.end(), {"--distance", text(*distance_m_)});
+  simulator_ = std::make_unique<ChildProcess>(command, folder_ / "simulator.txt");
+}
+
+void CameraDrive::tend() {
+  (void)simulator_->lines();
+  truth_.take();
+  if (truth_.time_s() <= last_s_) return;
+  last_s_ = truth_.time_s();
+  ended_s_ = steady_s();
+  if (began_s_ == 0.0) began_s_ = ended_s_;
+}
+
+std::optional<std::string> CameraDrive::fault() {
+  if (!simulator_->ended() || simulator_->succeeded()) return std::nullopt;
+  return *simulator_->ended() + "; see " + (folder_ / "simulator.txt").string();
+}
+
+void CameraDrive::write_truth(Scenario<SE3>& scenario) const {
+  for (VehicleLog<SE3>& vehicle : scenario.vehicles) vehicle.truth = truth_.path(vehicle.id);
+  scenario.duration_s = std::max(truth_.time_s(), 0.1);
+  scenario.write(folder_);
+  truth_.write_tracks();
+}
+
+std::optional<double> CameraDrive::real_time_factor() const {
+  if (ended_s_ <= began_s_) return std::nullopt;
+  return last_s_ / (ended_s_ - began_s_);
+}
+
+}  // namespace convoy::cli

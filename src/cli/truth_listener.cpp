@@ -1,0 +1,234 @@
+#include "truth_listener.hpp"
+
+#include <convoy/idl/sensorsPubSubTypes.h>
+#include <convoy/config_error.hpp>
+
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/Topic.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <fstream>
+#include <map>
+#include <sstream>
+
+#include "evaluate/run_folder.hpp"
+#include "scenario/table_file.hpp"
+
+namespace convoy::cli {
+
+namespace edds = eprosima::fastdds::dds;
+namespace wire = sensors::v1;
+using eprosima::fastrtps::types::ReturnCode_t;
+
+namespace {
+
+/// What cannot be read becomes a sample of vehicle 0.
+template <class PubSubType>
+class Guarded final : public PubSubType {
+ public:
+  Guarded() {
+    this->auto_fill_type_object(false);
+    this->auto_fill_type_information(false);
+  }
+  bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
+    try {
+      if (PubSubType::deserialize(payload, data)) return true;
+    } catch (...) {
+    }
+    *static_cast<typename PubSubType::type*>(data) = {};
+    return true;
+  }
+};
+
+template <class Entity>
+Entity* need(Entity* entity) {
+  if (entity == nullptr) throw ConfigError("truth: Fast DDS does not make what listens to it; its log says why");
+  return entity;
+}
+
+SE3 pose_of(const std::array<double, 7>& p) {
+  return SE3(Eigen::Vector4d(p[3], p[4], p[5], p[6]), Eigen::Vector3d(p[0], p[1], p[2]));
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+struct DepthFrame {
+  double stamp_s = 0.0;
+  std::uint32_t step = 0;
+  int width = 0, height = 0;
+  std::vector<float> depth_m;
+
+  /// 0: the sky, or no such pixel.
+  double at(double u, double v) const {
+    const double column = std::round(u), row = std::round(v);
+    if (!(column >= 0 && row >= 0 && column < width && row < height)) return 0.0;
+    return depth_m[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
+  }
+};
+
+/// Of one vehicle.
+struct Heard {
+  std::map<std::uint32_t, TruthPose<SE3>> poses;  // by step
+  std::deque<DepthFrame> frames;                  // the last ones
+  std::ifstream sightings;
+  std::string unfinished;  // a line of it that is half there
+  std::map<std::uint64_t, std::vector<Eigen::Vector3d>> tracks;
+};
+
+}  // namespace
+
+struct TruthListener::Impl {
+  Impl(std::uint32_t domain, const std::filesystem::path& run_folder, const std::vector<VehicleId>& vehicles)
+      : folder(run_folder) {
+    for (const VehicleId id : vehicles) heard[id];
+    edds::DomainParticipantQos qos;
+    qos.name("convoy demo: truth");
+    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+    udp->interfaceWhiteList = {"127.0.0.1"};
+    udp->sendBufferSize = udp->receiveBufferSize = 4 << 20;
+    udp->maxMessageSize = 65000;
+    qos.transport().use_builtin_transports = false;
+    qos.transport().user_transports = {udp};
+    participant = need(factory->create_participant(domain, qos, nullptr, edds::StatusMask::none()));
+    subscriber = need(participant->create_subscriber(edds::SubscriberQos()));
+    poses = reader(new Guarded<wire::TruthPubSubType>, "Truth", 400);
+    depths = reader(new Guarded<wire::TruthDepthPubSubType>, "TruthDepth", 8);
+  }
+  ~Impl() {
+    participant->delete_contained_entities();
+    factory->delete_participant(participant);
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
+  edds::DataReader* reader(edds::TopicDataType* made, const std::string& type, int depth) {
+    edds::TypeSupport support(made);
+    support.register_type(participant);
+    auto* topic =
+        need(participant->create_topic("convoy/sensors/v1/" + type, support.get_type_name(), edds::TopicQos()));
+    edds::DataReaderQos qos;
+    qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
+    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
+    qos.history().kind = edds::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = depth;
+    qos.resource_limits().max_samples = 0;
+    qos.resource_limits().max_instances = 0;
+    qos.resource_limits().max_samples_per_instance = 0;
+    qos.resource_limits().allocated_samples = 4;
+    qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
+    qos.data_sharing().off();
+    return need(subscriber->create_datareader(topic, qos));
+  }
+
+  template <class Sample, class Use>
+  void take_from(edds::DataReader* from, const Use& use) {
+    edds::SampleInfo info;
+    Sample sample;
+    while (from->take_next_sample(&sample, &info) == ReturnCode_t::RETCODE_OK) {
+      const auto of = heard.find(sample.vehicle());
+      if (info.valid_data && of != heard.end()) use(of->second, sample);
+    }
+  }
+
+  void take() {
+    take_from<wire::Truth>(poses, [](Heard& h, wire::Truth& sample) {
+      h.poses[sample.header().step()] = {sample.header().stamp_s(), pose_of(sample.T_world_body())};
+    });
+    take_from<wire::TruthDepth>(depths, [](Heard& h, wire::TruthDepth& sample) {
+      if (sample.depth().size() != static_cast<std::size_t>(sample.width()) * sample.height()) return;
+      h.frames.push_back({sample.header().stamp_s(), sample.header().step(), static_cast<int>(sample.width()),
+                          static_cast<int>(sample.height()), std::move(sample.depth())});
+      if (h.frames.size() > kept_frames) h.frames.pop_front();
+    });
+    for (auto& [id, h] : heard) read_sightings(id, h);
+  }
+
+  void read_sightings(VehicleId id, Heard& h) {
+    if (!h.sightings.is_open()) h.sightings.open(vehicle_folder(folder, id) / "sightings.csv");
+    if (!h.sightings.is_open()) return;
+    h.sightings.clear();  // it may have grown
+    for (std::string part; std::getline(h.sightings, part);) {
+      h.unfinished += part;
+      if (h.sightings.eof()) break;
+      use_sighting(std::exchange(h.unfinished, {}), h);
+    }
+  }
+
+  // track,stamp_s,u_px,v_px, where its ray begins in the body frame, where it goes per metre of depth
+  static void use_sighting(const std::string& line, Heard& h) {
+    std::istringstream in(line);
+    std::vector<double> row;
+    for (std::string field; std::getline(in, field, ',');) row.push_back(std::atof(field.c_str()));
+    if (row.size() != 10) return;
+    const auto frame = std::find_if(h.frames.begin(), h.frames.end(),
+                                    [&](const DepthFrame& f) { return std::abs(f.stamp_s - row[1]) < 1e-6; });
+    if (frame == h.frames.end()) return;
+    const auto pose = h.poses.find(frame->step);
+    const double depth_m = frame->at(row[2], row[3]);
+    if (pose == h.poses.end() || depth_m <= 0.0) return;
+    const Eigen::Vector3d origin(row[4], row[5], row[6]), per_m(row[7], row[8], row[9]);
+    h.tracks[static_cast<std::uint64_t>(row[0])].push_back(pose->second.T_world_body * (origin + depth_m * per_m));
+  }
+
+  static constexpr std::size_t kept_frames = 12;
+  const std::filesystem::path folder;
+  std::map<VehicleId, Heard> heard;
+  std::shared_ptr<edds::DomainParticipantFactory> factory = edds::DomainParticipantFactory::get_shared_instance();
+  edds::DomainParticipant* participant = nullptr;
+  edds::Subscriber* subscriber = nullptr;
+  edds::DataReader *poses = nullptr, *depths = nullptr;
+};
+
+TruthListener::TruthListener(std::uint32_t domain, const std::filesystem::path& run_folder,
+                             const std::vector<VehicleId>& vehicles)
+    : impl_(std::make_unique<Impl>(domain, run_folder, vehicles)) {}
+
+TruthListener::~TruthListener() = default;
+
+void TruthListener::take() { impl_->take(); }
+
+std::vector<TruthPose<SE3>> TruthListener::path(VehicleId vehicle) const {
+  std::vector<TruthPose<SE3>> path;
+  for (const auto& [step, pose] : impl_->heard.at(vehicle).poses) {
+    if (path.empty()) path.push_back({0.0, pose.T_world_body});  // a vehicle starts at rest
+    path.push_back(pose);
+  }
+  return path;
+}
+
+double TruthListener::time_s() const {
+  double latest_s = 0.0;
+  for (const auto& [id, h] : impl_->heard)
+    if (!h.poses.empty()) latest_s = std::max(latest_s, h.poses.rbegin()->second.t_s);
+  return latest_s;
+}
+
+void TruthListener::write_tracks() const {
+  for (const auto& [id, h] : impl_->heard) {
+    std::string text(tracks_header);
+    text += '\n';
+    for (const auto& [track, points] : h.tracks) {
+      Eigen::Vector3d middle;
+      for (int axis = 0; axis < 3; ++axis) {
+        std::vector<double> values;
+        for (const Eigen::Vector3d& p : points) values.push_back(p[axis]);
+        middle[axis] = median(values);
+      }
+      append_csv_row(text, track, middle[0], middle[1], middle[2], std::uint64_t{points.size()});
+    }
+    write_text_file(tracks_file(impl_->folder, id), text);
+  }
+}
+
+}  // namespace convoy::cli
