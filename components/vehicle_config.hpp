@@ -71,7 +71,7 @@ struct CameraConfig {
   bool gps = false;                                     ///< use absolute fixes, too
   int features = 50;                                    ///< tracks that are followed at once: 12..400
   int new_features = 12;                                ///< of them started in one image at most: 1..100
-  MonocularParams slam;
+  MonocularParams slam = street_params();
   std::string origin;  ///< file:line where it is given, for messages
 
   bool given() const { return domain != no_domain; }

@@ -8,7 +8,7 @@
 
 #include "scenario/street.hpp"
 #include "sensor_source.hpp"
-#include "sim.hpp"
+#include "other_program.hpp"
 
 namespace convoy::cli {
 namespace {

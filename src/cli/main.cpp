@@ -16,9 +16,8 @@
 #include "demo.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
-#include "replay/replay.hpp"
+#include "other_program.hpp"
 #include "report/report.hpp"
-#include "sim.hpp"
 #include "solve.hpp"
 #include "vehicle_process.hpp"
 
@@ -132,27 +131,6 @@ int main(int argc, char** argv) {
                         [&]<class G>(G) { return cli::run_vehicle(load_vehicle_config<G>(config), vehicle); });
   });
 
-  cli::ReplayOptions replay;
-  std::vector<std::string> recording;
-  auto* replay_command = app.add_subcommand("replay", cli::replay_description());
-  replay_command
-      ->add_option(
-          "--dataset", recording,
-          "KIND FOLDER; kinds: images (a vehicle's folder of convoy sim --record, or one's own recording of that "
-          "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt)")
-      ->expected(2)
-      ->required();
-  replay_command->add_option("--out", replay.out, "run folder to make")->required();
-  replay_command->add_option("--rate", replay.rate_hz, "images per second, where no file says when they were taken")
-      ->check(CLI::Range(0.001, 10000.0));
-  replay_command->add_option("--features", replay.features, "features followed at once, 12 to 400 (default: 50)")
-      ->check(CLI::Range(12, 400));
-  replay_command->callback([&] {
-    replay.dataset = recording[0];
-    replay.folder = recording[1];
-    status = cli::run_replay(replay);
-  });
-
   std::string run_folder;
   auto* evaluate_command = app.add_subcommand("evaluate", "Judge a run folder again: metrics.json and report.html");
   evaluate_command->add_option("run", run_folder, "run folder")->required();
@@ -230,7 +208,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember(cli::bench_network_cases()));
   network_command->callback([&] { status = cli::run_bench_network(network); });
 
-  // Only for the list of commands: its words are the simulator's affair.
+  // Only for the list of commands: their words are the affair of programs of their own.
+  app.add_subcommand("replay", "A recording of a camera and an odometer through one vehicle (convoy replay --help)");
   app.add_subcommand("sim", "Simulate vehicles in streets: what they sense, as DDS topics (convoy sim --help)");
 
   cli::BenchPeerOptions peer;
@@ -249,7 +228,10 @@ int main(int argc, char** argv) {
     return 2;
   }
   try {
-    if (argc > 1 && std::string(argv[1]) == "sim") cli::become_simulator(argc, argv);
+    if (argc > 1 && std::string(argv[1]) == "sim")
+      cli::become(cli::simulator_program(), "CONVOY_BUILD_SIMULATOR", argc, argv);
+    if (argc > 1 && std::string(argv[1]) == "replay")
+      cli::become(cli::replay_program(), "CONVOY_BUILD_VISION", argc, argv);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;  // 0: --help, --version

@@ -22,6 +22,16 @@ bool confidence(double p) { return p > 0.0 && p < 1.0; }
 
 }  // namespace
 
+MonocularParams street_params() {
+  MonocularParams p;
+  p.sigma_pixel = 0.5;
+  p.sigma_along_per_sqrt_m = 0.003;
+  p.sigma_scale = 0.002;
+  p.sigma_vertical_per_sqrt_m = 0.02;
+  p.sigma_tilt_per_sqrt_m = 0.01;
+  return p;
+}
+
 void validate(const MonocularParams& p) {
   at_least_0("sigma_along_per_sqrt_m", p.sigma_along_per_sqrt_m);
   at_least_0("sigma_along_per_sqrt_rad", p.sigma_along_per_sqrt_rad);

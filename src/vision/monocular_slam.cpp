@@ -26,16 +26,6 @@ const MonocularSlamParams& checked(const MonocularSlamParams& params, const Came
 
 }  // namespace
 
-MonocularParams street_params() {
-  MonocularParams p;
-  p.sigma_pixel = 0.5;
-  p.sigma_along_per_sqrt_m = 0.003;
-  p.sigma_scale = 0.002;
-  p.sigma_vertical_per_sqrt_m = 0.02;
-  p.sigma_tilt_per_sqrt_m = 0.01;
-  return p;
-}
-
 void validate(const MonocularSlamParams& p, int width, int height) {
   const auto require = [](bool ok, const char* name, double value, const char* range) {
     if (!ok) throw RangeError("monocular SLAM", name, value, range);

@@ -24,12 +24,6 @@
 
 namespace convoy {
 
-/// What differs from MonocularParams where pixels come from active search and a car with encoders on its wheels drives
-/// on a street: patches are found to half a pixel; the odometer's distance is calibrated to 0.2 %, so that what warped
-/// patches err by in common does not become scale; the tilt of a street changes for metres in one sense, which white
-/// noise must cover.
-MonocularParams street_params();
-
 struct MonocularSlamParams {
   MonocularParams filter = street_params();
   ActiveSearchParams search;

@@ -169,10 +169,6 @@ void replay_images(Recording& recording, const ReplayOptions& options) {
 
 }  // namespace
 
-std::string replay_description() {
-  return "Replay a recording of images and odometry through the front end, and judge it";
-}
-
 int run_replay(const ReplayOptions& options) {
   expect_new_folder(options.out);
   Recording recording = open(options);

@@ -22,9 +22,6 @@ struct ReplayOptions {
   int features = 0;      ///< MonocularSlamParams::features; 0: its default
 };
 
-/// Of the command, for its help: without OpenCV it says that this build cannot do it.
-std::string replay_description();
-
 /// The exit status. Throws ConfigError.
 int run_replay(const ReplayOptions& options);
 

@@ -1,4 +1,4 @@
-#include "sim.hpp"
+#include "other_program.hpp"
 
 #include <convoy/config_error.hpp>
 
@@ -6,8 +6,6 @@
 
 #include <cerrno>
 #include <cstring>
-#include <filesystem>
-#include <string>
 #include <vector>
 
 #include "child_process.hpp"
@@ -23,15 +21,17 @@ std::filesystem::path simulator_program() {
   return program;
 }
 
-void become_simulator(int argc, char** argv) {
+std::filesystem::path replay_program() { return this_program().parent_path() / "convoy-replay"; }
+
+void become(const std::filesystem::path& program, const std::string& option, int argc, char** argv) {
   std::vector<char*> words(argv + 1, argv + argc);
-  std::string name = simulator_program().string();
+  std::string name = program.string();
   words.front() = name.data();
   words.push_back(nullptr);
   execv(name.c_str(), words.data());
   if (errno == ENOENT)
-    throw ConfigError("convoy-sim is not beside " + this_program().string() +
-                      "; build convoy with CONVOY_BUILD_SIMULATOR=ON, or install both");
+    throw ConfigError(program.filename().string() + " is not beside " + this_program().string() +
+                      "; build convoy with " + option + "=ON, or install both");
   throw ConfigError("cannot run " + name + ": " + std::strerror(errno));
 }
 

@@ -1,0 +1,42 @@
+// convoy replay, a program of its own: see other_program.hpp.
+#include <convoy/config_error.hpp>
+
+#include <spdlog/sinks/stdout_sinks.h>
+#include <spdlog/spdlog.h>
+#include <CLI/CLI.hpp>
+
+#include "replay/replay.hpp"
+
+int main(int argc, char** argv) {
+  using namespace convoy;
+  spdlog::set_default_logger(spdlog::stderr_logger_mt("convoy"));
+  CLI::App app{"convoy replay: a recording of a camera and an odometer through the front end of one vehicle"};
+  app.name("convoy replay");
+  cli::ReplayOptions replay;
+  std::vector<std::string> recording;
+  app.add_option(
+         "--dataset", recording,
+         "KIND FOLDER; kinds: images (a vehicle's folder of convoy sim --record, or one's own recording of that "
+         "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt)")
+      ->expected(2)
+      ->required();
+  app.add_option("--out", replay.out, "run folder to make")->required();
+  app.add_option("--rate", replay.rate_hz, "images per second, where no file says when they were taken")
+      ->check(CLI::Range(0.001, 10000.0));
+  app.add_option("--features", replay.features, "features followed at once, 12 to 400 (default: 50)")
+      ->check(CLI::Range(12, 400));
+  try {
+    app.parse(argc, argv);
+    replay.dataset = recording[0];
+    replay.folder = recording[1];
+    return cli::run_replay(replay);
+  } catch (const CLI::ParseError& error) {
+    return app.exit(error) == 0 ? 0 : 2;  // 0: --help
+  } catch (const ConfigError& error) {
+    spdlog::error("{}", error.what());
+    return 2;
+  } catch (const std::exception& error) {
+    spdlog::critical("unexpected: {}", error.what());
+    return 3;
+  }
+}
