@@ -218,8 +218,9 @@ TEST(BadInput, BrokenXmlIsNamedWithItsLine) {
 TEST(BadInput, ACutSensorLogIsNamedWithItsLine) {
   const ScratchFolder scratch;
   write(scratch / "sensors.csv", "t_s,kind,a,b,c\n0,odometry,1,0,\n0.1,odometry,1");
-  write(scratch / "c.xml",
-        "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  <sensors file=\"sensors.csv\"/>\n</convoy>\n");
+  write(scratch / "c.xml", "<convoy version=\"1\">\n  <vehicle id=\"1\"/>\n  <dds profile=\"" +
+                               std::string(CONVOY_SOURCE_FOLDER) +
+                               "/qos_profiles/loopback_udp.xml\"/>\n  <sensors file=\"sensors.csv\"/>\n</convoy>\n");
   expect_refusal("vehicle " + (scratch / "c.xml").string(), "sensors.csv:3");
 }
 

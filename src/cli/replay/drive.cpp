@@ -58,6 +58,7 @@ void Drive::run() {
     if (!to_s_) {
       drive(reading);  // the first one only says when time begins: then the chain can
       begin_epoch();
+      for (FrontEndFrame& frame : frames_) frame.epoch = epoch_;  // an image of that very time
     } else vehicle_.feed([&] { drive(reading); });
     if (slam_.lost()) begin_again();
     tell(reading.stamp_s);
