@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 namespace convoy {
@@ -43,6 +44,27 @@ void validate(const MonocularSlamParams& p, int width, int height) {
           "lie in [0, 10]");
   require(p.max_waiting_images >= 1 && p.max_waiting_images <= 100, "max_waiting_images", p.max_waiting_images,
           "be 1..100");
+}
+
+std::vector<NewTrack> find_new_tracks(const ImagePyramid& image, const std::vector<TrackedFeature>& features,
+                                      std::size_t most, CornerDetector& corners, const ActiveSearch& search) {
+  std::vector<int> cells(static_cast<std::size_t>(corners.cells()));
+  std::iota(cells.begin(), cells.end(), 0);
+  std::vector<Eigen::Vector2d> taken;
+  for (const TrackedFeature& f : features) {
+    taken.push_back(f.pixel);
+    std::erase(cells, corners.cell_of(f.pixel));
+  }
+  std::vector<Corner> found = corners.detect(image, cells, taken);
+  std::stable_sort(found.begin(), found.end(),
+                   [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
+  std::vector<NewTrack> tracks;
+  for (const Corner& corner : found) {
+    if (tracks.size() == most) break;
+    const auto patch = ReferencePatch::take(image, corner.pixel);
+    if (patch && search.judge(*patch) == PatchMatch::Status::found) tracks.push_back({*patch, corner.pixel});
+  }
+  return tracks;
 }
 
 MonocularSlam::MonocularSlam(const MonocularSlamParams& params, const CameraCalibration& camera,
@@ -206,32 +228,12 @@ void MonocularSlam::describe_landmarks(const std::vector<FeaturePrediction>& pre
 void MonocularSlam::start_tracks(ImageReport& report) {
   const int room = std::min(params_.features - static_cast<int>(report.features.size()), params_.new_features);
   if (room <= 0) return;
-  std::vector<Eigen::Vector2d> taken;
-  for (const TrackedFeature& f : report.features) taken.push_back(f.pixel);
-  std::vector<Corner> corners = corners_.detect(pyramid_, cells_without(report.features), taken);
-  std::stable_sort(corners.begin(), corners.end(),
-                   [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
-  int started = 0;
-  for (const Corner& corner : corners) {
-    if (started == room) break;
-    const auto patch = ReferencePatch::take(pyramid_, corner.pixel);
-    if (!patch || search_.judge(*patch) != PatchMatch::Status::found) continue;
-    ++started;
+  const auto most = static_cast<std::size_t>(room);
+  for (const NewTrack& found : find_new_tracks(pyramid_, report.features, most, corners_, search_)) {
     ++counters_.tracks_started;
-    tracks_.emplace(++last_track_, Track{*patch, ekf_->state().abscissa_m});
-    report.features.push_back({last_track_, corner.pixel});
+    tracks_.emplace(++last_track_, Track{found.patch, ekf_->state().abscissa_m});
+    report.features.push_back({last_track_, found.pixel});
   }
-}
-
-// In which nothing was found.
-std::vector<int> MonocularSlam::cells_without(const std::vector<TrackedFeature>& features) const {
-  std::vector<bool> has(static_cast<std::size_t>(corners_.cells()));
-  for (const TrackedFeature& f : features)
-    if (const int cell = corners_.cell_of(f.pixel); cell >= 0) has[static_cast<std::size_t>(cell)] = true;
-  std::vector<int> cells;
-  for (int cell = 0; cell < corners_.cells(); ++cell)
-    if (!has[static_cast<std::size_t>(cell)]) cells.push_back(cell);
-  return cells;
 }
 
 // What the filter has let go, and what has had no depth for too long: it is too far away.

@@ -57,6 +57,15 @@ struct ImageReport {
   double took_ms = 0.0;                  ///< of wall time, everything
 };
 
+struct NewTrack {
+  ReferencePatch patch;
+  Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
+};
+
+/// The `most` strongest corners of `image` that are worth following, in cells in which none of `features` lies.
+std::vector<NewTrack> find_new_tracks(const ImagePyramid& image, const std::vector<TrackedFeature>& features,
+                                      std::size_t most, CornerDetector& corners, const ActiveSearch& search);
+
 struct MonocularSlamCounters {
   std::uint64_t images = 0;            ///< used
   std::uint64_t images_refused = 0;    ///< not grey, of another size, out of order, or too many waiting
@@ -125,7 +134,6 @@ class MonocularSlam final : public FrontEnd<SE3> {
   void seek(const std::vector<FeaturePrediction>& predictions, ImageReport& report);
   std::optional<PatchPrediction> expectation(const FeaturePrediction& prediction, const ReferencePatch& patch) const;
   void start_tracks(ImageReport& report);
-  std::vector<int> cells_without(const std::vector<TrackedFeature>& features) const;
   void describe_landmarks(const std::vector<FeaturePrediction>& predictions, const ImageReport& report);
   void forget_tracks();
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <numeric>
 
 namespace convoy::cli {
 
@@ -52,24 +51,10 @@ void ImageTracker::seek(ImageReport& report) {
 void ImageTracker::start(ImageReport& report) {
   const int room = std::min(params_.features - static_cast<int>(tracks_.size()), params_.new_features);
   if (room <= 0) return;
-  std::vector<int> cells(static_cast<std::size_t>(corners_.cells()));
-  std::iota(cells.begin(), cells.end(), 0);
-  std::vector<Eigen::Vector2d> taken;
-  for (const TrackedFeature& f : report.features) {
-    taken.push_back(f.pixel);
-    std::erase(cells, corners_.cell_of(f.pixel));
-  }
-  std::vector<Corner> corners = corners_.detect(pyramid_, cells, taken);
-  std::stable_sort(corners.begin(), corners.end(),
-                   [](const Corner& a, const Corner& b) { return a.strength > b.strength; });
-  int started = 0;
-  for (const Corner& corner : corners) {
-    if (started == room) break;
-    const auto patch = ReferencePatch::take(pyramid_, corner.pixel);
-    if (!patch || search_.judge(*patch) != PatchMatch::Status::found) continue;
-    ++started;
-    tracks_.emplace(++last_track_, Track{*patch, corner.pixel});
-    report.features.push_back({last_track_, corner.pixel});
+  const auto most = static_cast<std::size_t>(room);
+  for (const NewTrack& found : find_new_tracks(pyramid_, report.features, most, corners_, search_)) {
+    tracks_.emplace(++last_track_, Track{found.patch, found.pixel});
+    report.features.push_back({last_track_, found.pixel});
   }
 }
 
