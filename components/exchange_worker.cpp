@@ -116,19 +116,19 @@ void ExchangeWorker<G>::run() {
   network_.reset();
 }
 
-// The lock is open while the network has the message.
+// The lock is open while the network has the messages.
 template <class G>
 void ExchangeWorker<G>::send_what_may(std::unique_lock<std::mutex>& lock) {
   while (network_ && !(stop_ && steady_s() >= stop_by_s_)) {
-    auto message = outbox_.next(steady_s(), counters_locked().bytes_sent);
-    if (!message) return;
+    auto messages = outbox_.next(steady_s(), counters_locked().bytes_sent);
+    if (messages.empty()) return;
     const auto network = network_;
     lock.unlock();
-    const SendStatus status = network->send(*message);
+    const SendStatus status = network->send_together(messages);
     lock.lock();
     if (status == SendStatus::unfit) outbox_.give_up();
     if (status == SendStatus::sent || status == SendStatus::unfit) continue;
-    outbox_.put_back(std::move(*message));
+    outbox_.put_back(std::move(messages));
     return;
   }
 }

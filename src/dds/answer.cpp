@@ -1,4 +1,4 @@
-// Facts that are said again: a sample within a sample.
+// Facts that are said again: samples within a sample.
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/wire_bounds.hpp>
@@ -41,57 +41,85 @@ class Borrowed {
 };
 
 template <class Sample, class G>
-WireStatus open(const v1::Answer& answer, Message<G>& message) {
-  Borrowed bytes(answer.sample());
+WireStatus open(const v1::RepeatedFact& fact, Message<G>& message) {
+  Borrowed bytes(fact.sample());
   Guarded<Sample> inner;
   GuardedType<typename TypeOf<Sample>::PubSubType>().deserialize(&bytes.payload, &inner);
   if (inner.decoding != Decoding::ok) return WireStatus::bad_answer;
   const WireStatus status = from_wire(inner.sample, message);
-  if (status != WireStatus::ok) return status;
   message.repeated = true;
-  const ChainId sender{answer.vehicle(), answer.epoch()};
-  return message.sender == sender ? WireStatus::ok : WireStatus::bad_answer;
+  return status;
+}
+
+template <class G>
+WireStatus open(const v1::RepeatedFact& fact, Message<G>& message) {
+  switch (fact.kind()) {
+    case v1::KIND_ANCHOR: return open<v1::Bias>(fact, message);
+    case v1::KIND_LANDMARK: return open<v1::Landmark>(fact, message);
+    case v1::KIND_PRIOR: return open<v1::Prior>(fact, message);
+    case v1::KIND_ASSOCIATION: return open<v1::Association>(fact, message);
+    case v1::KIND_VERDICT: return open<v1::Verdict>(fact, message);
+    case v1::KIND_ABSOLUTE_FIX: return open<v1::AbsoluteFix>(fact, message);
+    case v1::KIND_ENCOUNTER: return open<v1::Encounter>(fact, message);
+    case v1::KIND_WAYPOINT: return open<v1::Waypoint>(fact, message);
+  }
+  return WireStatus::unknown_enum;
+}
+
+std::size_t size_of(const v1::RepeatedFact& fact) { return 4 + 4 + (fact.sample().size() + 3) / 4 * 4; }
+
+std::size_t size_of(const v1::Answer& answer) {
+  std::size_t size = 4 + 4 + 4 + 8 + 4;  // encapsulation, vehicle, its padding, epoch, length
+  for (const v1::RepeatedFact& fact : answer.facts()) size += size_of(fact);
+  return size;
 }
 
 }  // namespace
 
 template <class Sample>
-WireStatus to_answer(const ChainId& sender, Sample& sample, v1::Answer& answer) {
+WireStatus to_repeated(Sample& sample, v1::RepeatedFact& fact) {
   GuardedType<typename TypeOf<Sample>::PubSubType> type;
   SerializedPayload_t payload(type.getSerializedSizeProvider(&sample)());
-  if (!type.serialize(&sample, &payload) || payload.length > bounds::answer_bytes) return WireStatus::too_many;
-  answer.vehicle(sender.vehicle);
-  answer.epoch(sender.epoch);
-  answer.kind(TypeOf<Sample>::kind);
-  answer.sample().assign(payload.data, payload.data + payload.length);
+  if (!type.serialize(&sample, &payload) || payload.length > bounds::repeated_bytes) return WireStatus::too_many;
+  fact.kind(TypeOf<Sample>::kind);
+  fact.sample().assign(payload.data, payload.data + payload.length);
   return WireStatus::ok;
 }
 
-template <class G>
-WireStatus from_wire(const v1::Answer& answer, Message<G>& message) {
-  switch (answer.kind()) {
-    case v1::KIND_ANCHOR: return open<v1::Bias>(answer, message);
-    case v1::KIND_LANDMARK: return open<v1::Landmark>(answer, message);
-    case v1::KIND_PRIOR: return open<v1::Prior>(answer, message);
-    case v1::KIND_ASSOCIATION: return open<v1::Association>(answer, message);
-    case v1::KIND_VERDICT: return open<v1::Verdict>(answer, message);
-    case v1::KIND_ABSOLUTE_FIX: return open<v1::AbsoluteFix>(answer, message);
-    case v1::KIND_ENCOUNTER: return open<v1::Encounter>(answer, message);
-    case v1::KIND_WAYPOINT: return open<v1::Waypoint>(answer, message);
-  }
-  return WireStatus::unknown_enum;
+bool has_room(const v1::Answer& answer, const ChainId& sender, const v1::RepeatedFact& fact) {
+  if (answer.facts().empty()) return true;
+  return ChainId{answer.vehicle(), answer.epoch()} == sender && answer.facts().size() < bounds::repeated &&
+         size_of(answer) + size_of(fact) <= max_sample_bytes;
 }
 
-template WireStatus to_answer(const ChainId&, v1::Bias&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::Landmark&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::Prior&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::Association&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::Verdict&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::AbsoluteFix&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::Encounter&, v1::Answer&);
-template WireStatus to_answer(const ChainId&, v1::Waypoint&, v1::Answer&);
+void append(v1::Answer& answer, const ChainId& sender, v1::RepeatedFact fact) {
+  answer.vehicle(sender.vehicle);
+  answer.epoch(sender.epoch);
+  answer.facts().push_back(std::move(fact));
+}
 
-#define CONVOY_INSTANTIATE(G) template WireStatus from_wire(const v1::Answer&, Message<G>&);
+template <class G>
+WireStatus from_wire(const v1::Answer& answer, std::vector<Message<G>>& messages) {
+  if (answer.facts().empty()) return WireStatus::bad_answer;
+  const ChainId sender{answer.vehicle(), answer.epoch()};
+  for (const v1::RepeatedFact& fact : answer.facts()) {
+    const WireStatus status = open(fact, messages.emplace_back());
+    if (status != WireStatus::ok) return status;
+    if (messages.back().sender != sender) return WireStatus::bad_answer;
+  }
+  return WireStatus::ok;
+}
+
+template WireStatus to_repeated(v1::Bias&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::Landmark&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::Prior&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::Association&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::Verdict&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::AbsoluteFix&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::Encounter&, v1::RepeatedFact&);
+template WireStatus to_repeated(v1::Waypoint&, v1::RepeatedFact&);
+
+#define CONVOY_INSTANTIATE(G) template WireStatus from_wire(const v1::Answer&, std::vector<Message<G>>&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::dds

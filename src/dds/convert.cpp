@@ -334,7 +334,7 @@ std::vector<std::span<const LandmarkFact<G>>> split(std::span<const LandmarkFact
     while (first + n < batch.size() && n < bounds::landmarks &&
            batch[first + n].anchor_key() == batch[first].anchor_key()) {
       extent.add(batch[first + n]);
-      if (n > 0 && extent.bytes() > max_landmark_sample_bytes) break;
+      if (n > 0 && extent.bytes() > max_sample_bytes) break;
       ++n;
     }
     parts.push_back(batch.subspan(first, n));

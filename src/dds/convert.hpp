@@ -53,9 +53,12 @@ template <class G>
 template <class G>
 [[nodiscard]] WireStatus to_wire(const ChainId& sender, const Digest& digest, v1::Digest& sample);
 
-/// A sample of a fact, as above, in an answer.
+/// A sample of a fact, as above, to be said again in an answer of `sender`, the sender in the sample.
 template <class Sample>
-[[nodiscard]] WireStatus to_answer(const ChainId& sender, Sample& sample, v1::Answer& answer);
+[[nodiscard]] WireStatus to_repeated(Sample& sample, v1::RepeatedFact& fact);
+/// Whether `fact` can go in `answer`: it is empty, or the same sender's and stays below max_sample_bytes.
+bool has_room(const v1::Answer& answer, const ChainId& sender, const v1::RepeatedFact& fact);
+void append(v1::Answer& answer, const ChainId& sender, v1::RepeatedFact fact);
 
 /// From the wire. A digest of a fleet of the other dimension is let through, for its receiver to count. `message` is
 /// meaningful only if the status is ok. Whether the content is plausible (positive covariances, limits of coordinates)
@@ -82,15 +85,16 @@ template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Request& sample, Message<G>& message);
 template <class G>
 [[nodiscard]] WireStatus from_wire(const v1::Digest& sample, Message<G>& message);
-/// `message.repeated` is set.
+/// One message of each fact, `repeated`, all of one sender. All or nothing.
 template <class G>
-[[nodiscard]] WireStatus from_wire(const v1::Answer& answer, Message<G>& message);
+[[nodiscard]] WireStatus from_wire(const v1::Answer& answer, std::vector<Message<G>>& messages);
 
-/// Serialised size of a Landmark sample stays below this, so that it fits one Ethernet frame with all headers.
-inline constexpr std::size_t max_landmark_sample_bytes = 1200;
+/// Serialised size of a Landmark sample, and of an Answer of several facts, is no more than this, so that it fits one
+/// Ethernet frame with all headers; a Landmark sample does so in an Answer, too.
+inline constexpr std::size_t max_sample_bytes = 1200;
 
 /// Cuts a batch, in order, into parts that each make one Landmark sample: one chain, one anchor, at most 64 landmarks
-/// and max_landmark_sample_bytes.
+/// and max_sample_bytes.
 template <class G>
 std::vector<std::span<const LandmarkFact<G>>> split(std::span<const LandmarkFact<G>> batch);
 

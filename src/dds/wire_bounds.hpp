@@ -20,7 +20,8 @@ inline constexpr std::uint32_t pairs = 4096;  // in one group and in all groups 
 inline constexpr std::uint32_t remembered = 8;
 inline constexpr std::uint32_t remembered_points = 72;
 inline constexpr std::uint32_t ranges = 64;
-inline constexpr std::uint32_t answer_bytes = 36864;
+inline constexpr std::uint32_t repeated_bytes = 36864;  // of one fact
+inline constexpr std::uint32_t repeated = 64;           // facts
 inline constexpr std::uint32_t chains = 256;
 inline constexpr std::uint32_t kinds = 8;
 

@@ -200,8 +200,10 @@ void scan(WireScan& wire, const v1::Request*) {
 
 void scan(WireScan& wire, const v1::Answer*) {
   scan_author(wire);
-  wire.skip(4);
-  wire.sequence(1, bounds::answer_bytes);
+  for (std::uint32_t n = wire.length(bounds::repeated); n > 0 && wire.ok(); --n) {
+    wire.skip(4);
+    wire.sequence(1, bounds::repeated_bytes);
+  }
 }
 
 void scan(WireScan& wire, const v1::Digest*) {

@@ -19,6 +19,12 @@ struct IsLandmarks : std::false_type {};
 template <class G>
 struct IsLandmarks<LandmarkBatch<G>> : std::true_type {};
 
+template <class G>
+std::size_t facts_in(const Message<G>& message) {
+  const auto* batch = std::get_if<LandmarkBatch<G>>(&message.payload);
+  return batch != nullptr ? batch->landmarks.size() : 1;
+}
+
 }  // namespace
 
 void validate(const BudgetParams& p) {
@@ -118,6 +124,11 @@ std::optional<std::uint64_t> Outbox<G>::repeats_waiting() const {
 }
 
 template <class G>
+void Outbox<G>::put_back(std::vector<Message<G>> messages) {
+  for (Message<G>& message : messages) put_back(std::move(message));
+}
+
+template <class G>
 void Outbox<G>::put_back(Message<G> message) {
   const bool superseded = (std::holds_alternative<Digest>(message.payload) && digest_) ||
                           (std::holds_alternative<LivePose<G>>(message.payload) && live_);
@@ -166,14 +177,14 @@ void Outbox<G>::spend(double now_s, std::uint64_t bytes_sent) {
 }
 
 template <class G>
-std::optional<Message<G>> Outbox<G>::next(double now_s, std::uint64_t bytes_sent) {
+std::vector<Message<G>> Outbox<G>::next(double now_s, std::uint64_t bytes_sent) {
   spend(now_s, bytes_sent);
   const bool in_debt = params_.bytes_per_s > 0.0 && tokens_ <= 0.0;
-  if (in_debt && reserve_ <= 0.0) return std::nullopt;
+  if (in_debt && reserve_ <= 0.0) return {};
   std::optional<Traffic> chosen;
   for (const Traffic traffic : {control, facts, live})
     if (waits(traffic) && (!chosen || spent_[traffic] < spent_[*chosen])) chosen = traffic;
-  if (!chosen) return std::nullopt;
+  if (!chosen) return {};
   // Who did not use its share does not save it up.
   for (double& spent : spent_) spent = std::max(spent, spent_[*chosen]);
   last_ = chosen;
@@ -200,9 +211,9 @@ M hand_over(std::optional<M>& place) {
 }  // namespace
 
 template <class G>
-Message<G> Outbox<G>::take(Traffic traffic) {
-  if (traffic == live) return hand_over(live_);
-  return traffic == control ? take_control() : take_fact();
+std::vector<Message<G>> Outbox<G>::take(Traffic traffic) {
+  if (traffic == facts) return take_facts();
+  return {traffic == control ? take_control() : hand_over(live_)};
 }
 
 template <class G>
@@ -212,9 +223,17 @@ Message<G> Outbox<G>::take_control() {
 }
 
 template <class G>
-Message<G> Outbox<G>::take_fact() {
+std::vector<Message<G>> Outbox<G>::take_facts() {
   news_were_last_ = !news_.empty() && (repeats_.empty() || !news_were_last_);
-  Facts& from = news_were_last_ ? news_ : repeats_;
+  if (news_were_last_) return {take_fact(news_)};
+  std::vector<Message<G>> messages;
+  for (std::size_t count = 0; !repeats_.empty() && count < params_.batch_limit; count += facts_in(messages.back()))
+    messages.push_back(take_fact(repeats_));
+  return messages;
+}
+
+template <class G>
+Message<G> Outbox<G>::take_fact(Facts& from) {
   Message<G> message = from.others.empty() ? take_landmarks(from.batches) : pop(from.others);
   message.repeated = !news_were_last_;
   std::visit(

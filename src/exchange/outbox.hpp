@@ -17,7 +17,7 @@ namespace convoy {
 struct BudgetParams {
   double bytes_per_s = 0.0;             ///< of this vehicle, everything included, >= 0; 0: no limit
   double burst_s = 1.0;                 ///< a budget unused for so long may be spent at once, > 0
-  std::uint32_t batch_limit = 20;       ///< landmarks per message, 1..64
+  std::uint32_t batch_limit = 20;       ///< landmarks per message, and facts said again in one go, 1..64
   std::size_t max_waiting = 1'000'000;  ///< facts; what comes beyond is left to the repair protocol, >= 1
 };
 
@@ -48,11 +48,12 @@ class Outbox {
   /// False if it was dropped.
   bool put(Message<G> message);
 
-  /// The next message that the budget allows. `bytes_sent`: ExchangeCounters::bytes_sent of the network, as of now.
-  std::optional<Message<G>> next(double now_s, std::uint64_t bytes_sent);
+  /// What goes out next, if the budget allows anything: one message, or a few facts that are said again. `bytes_sent`:
+  /// ExchangeCounters::bytes_sent of the network, as of now.
+  std::vector<Message<G>> next(double now_s, std::uint64_t bytes_sent);
 
   /// What next() has handed out and the network did not take goes back to its place, unless something newer has it.
-  void put_back(Message<G> message);
+  void put_back(std::vector<Message<G>> messages);
   /// It cannot be carried at all.
   void give_up() { ++counters_.unfit; }
 
@@ -66,19 +67,6 @@ class Outbox {
   enum Traffic : std::uint8_t { control, facts, live };
   static constexpr std::array<double, 3> weight = {1.0, 4.0, 1.0};
 
-  template <class Fact>
-  bool put_fact(const ChainId& sender, const Fact& fact);
-  bool put_landmarks(const ChainId& sender, const LandmarkBatch<G>& batch);
-  bool note(FactKind kind, const Key& key);
-  bool waits(Traffic traffic) const;
-  void spend(double now_s, std::uint64_t bytes_sent);
-  Message<G> take(Traffic traffic);
-  Message<G> take_control();
-  Message<G> take_fact();
-
-  BudgetParams params_;
-  std::optional<Message<G>> digest_, live_;
-  std::deque<Message<G>> requests_;
   struct Batch {
     ChainId sender;
     std::multimap<double, LandmarkFact<G>> landmarks;  // by log det of the covariance
@@ -88,6 +76,22 @@ class Outbox {
     std::map<Key, Batch> batches;   // by anchor
     bool empty() const { return others.empty() && batches.empty(); }
   };
+
+  template <class Fact>
+  bool put_fact(const ChainId& sender, const Fact& fact);
+  bool put_landmarks(const ChainId& sender, const LandmarkBatch<G>& batch);
+  bool note(FactKind kind, const Key& key);
+  bool waits(Traffic traffic) const;
+  void spend(double now_s, std::uint64_t bytes_sent);
+  std::vector<Message<G>> take(Traffic traffic);
+  Message<G> take_control();
+  std::vector<Message<G>> take_facts();
+  Message<G> take_fact(Facts& from);
+  void put_back(Message<G> message);
+
+  BudgetParams params_;
+  std::optional<Message<G>> digest_, live_;
+  std::deque<Message<G>> requests_;
   Facts& place_of(const ChainId& sender, FactKind kind, const Key& key);
   Message<G> take_landmarks(std::map<Key, Batch>& batches);
   Facts news_, repeats_;

@@ -19,11 +19,13 @@ class PacedExchange final : public SubmapExchange<G> {
   }
   /// Also sends what the budget allows by now.
   std::vector<Message<G>> take(double now_s) override {
-    while (auto message = outbox_.next(now_s, inner_->counters().bytes_sent)) {
-      const SendStatus status = inner_->send(*message);
+    for (;;) {
+      auto messages = outbox_.next(now_s, inner_->counters().bytes_sent);
+      if (messages.empty()) break;
+      const SendStatus status = inner_->send_together(messages);
       if (status == SendStatus::unfit) outbox_.give_up();
       if (status == SendStatus::sent || status == SendStatus::unfit) continue;
-      outbox_.put_back(std::move(*message));
+      outbox_.put_back(std::move(messages));
       break;
     }
     return inner_->take(now_s);

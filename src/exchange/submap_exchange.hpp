@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -18,6 +19,11 @@ enum class SendStatus : std::uint8_t {
   closed,    ///< the exchange is not open
   unfit,     ///< the network cannot carry this, now or ever: to send it again is of no use
 };
+
+/// Of two messages that go together: what was refused for now goes before what is unfit.
+inline SendStatus of_both(SendStatus a, SendStatus b) {
+  return b == SendStatus::rejected || a == SendStatus::sent ? b : a;
+}
 
 /// Counters of one exchange, all since it was opened.
 struct ExchangeCounters {
@@ -43,6 +49,14 @@ class SubmapExchange {
 
   /// Offers a message to all peers. Never blocks longer than the implementation states; never throws.
   [[nodiscard]] virtual SendStatus send(const Message<G>& message) = 0;
+
+  /// The same of several, in as few pieces as the network can. Where some were sent and others not, they may all be
+  /// offered again.
+  [[nodiscard]] virtual SendStatus send_together(std::span<const Message<G>> messages) {
+    SendStatus status = SendStatus::sent;
+    for (const Message<G>& message : messages) status = of_both(status, send(message));
+    return status;
+  }
 
   /// All messages that have come in by `now_s` (the caller's clock), in order of arrival; never one's own. Does not
   /// block.

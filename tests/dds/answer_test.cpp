@@ -9,6 +9,7 @@
 
 #include <chrono>
 #include <thread>
+#include <utility>
 
 namespace convoy::dds::testing {
 namespace {
@@ -80,34 +81,95 @@ TEST(Answer, IsNotKeptForWhoComesLate) {
   EXPECT_TRUE(late.take(0.0).empty());
 }
 
-v1::Answer some_answer() {
+// What is repeated for others comes in bursts, to everybody: each sample costs headers, and a wakening.
+TEST(Answer, FactsThatAreSaidTogetherShareSamples) {
+  const DdsConfig config = config_of_this_test();
+  DdsExchange<SE2> a(config), b(config);
+  ASSERT_TRUE(all_connected({&a, &b}));
+  constexpr std::uint32_t count = 100;
+  std::vector<Message<SE2>> messages;
+  for (std::uint32_t i = 0; i < count; ++i) {
+    messages.push_back(anchor_message<SE2>(1, i));
+    messages.back().repeated = true;
+  }
+  const std::uint64_t before = a.dds_counters().datagrams_sent;
+  ASSERT_EQ(a.send_together(messages), SendStatus::sent);
+  const std::uint64_t datagrams = a.dds_counters().datagrams_sent - before;
+  EXPECT_LT(datagrams, count / 2);
+  EXPECT_GT(datagrams, count / 8) << "none is larger than a frame";
+  const auto got = collect(b, count);
+  ASSERT_EQ(got.size(), count);
+  for (std::uint32_t i = 0; i < count; ++i) EXPECT_EQ(hashes(got[i]), hashes(messages[i])) << i;
+}
+
+TEST(Answer, AFactThatDoesNotFitTheWireTakesNoOtherWithIt) {
+  const DdsConfig config = config_of_this_test();
+  DdsExchange<SE2> a(config), b(config);
+  ASSERT_TRUE(all_connected({&a, &b}));
+  std::vector<Message<SE2>> messages = one_of_each_kind();
+  std::get<AnchorFact<SE2>>(messages[0].payload).state.drift(0, 1) += 1.0;  // no covariance
+  EXPECT_EQ(a.send_together(messages), SendStatus::unfit);
+  EXPECT_EQ(a.dds_counters().refused_to_wire, 1U);
+  EXPECT_EQ(a.counters().messages_sent, messages.size() - 1);
+  EXPECT_EQ(collect(b, messages.size() - 1).size(), messages.size() - 1);
+}
+
+v1::RepeatedFact repeated_anchor(std::uint32_t index) {
   v1::Bias bias;
-  EXPECT_EQ(to_wire<SE2>(sender, test::anchor(2, 1), bias), WireStatus::ok);
+  EXPECT_EQ(to_wire<SE2>(sender, test::anchor(2, index), bias), WireStatus::ok);
+  v1::RepeatedFact fact;
+  EXPECT_EQ(to_repeated(bias, fact), WireStatus::ok);
+  return fact;
+}
+
+v1::Answer some_answer() {
   v1::Answer answer;
-  EXPECT_EQ(to_answer(sender, bias, answer), WireStatus::ok);
+  for (const std::uint32_t index : {1U, 2U}) append(answer, sender, repeated_anchor(index));
   return answer;
 }
 
-TEST(Answer, OfAnotherKindOrSenderOrDamagedIsRefused) {
-  Message<SE2> message;
-  ASSERT_EQ(from_wire(some_answer(), message), WireStatus::ok);
-  EXPECT_EQ(hashes(message), std::vector<Hash>{hash_of(test::anchor(2, 1))});
+TEST(Answer, IsNoLargerThanAFrameAndOfOneSender) {
+  v1::Answer answer;
+  EXPECT_TRUE(has_room(answer, sender, repeated_anchor(0)));
+  std::uint32_t index = 0;
+  for (; has_room(answer, sender, repeated_anchor(index)); ++index) append(answer, sender, repeated_anchor(index));
+  EXPECT_GT(index, 3U);
+  GuardedType<v1::AnswerPubSubType> type;
+  EXPECT_LE(type.getSerializedSizeProvider(&answer)(), max_sample_bytes);
+  append(answer, sender, repeated_anchor(index));
+  EXPECT_GT(type.getSerializedSizeProvider(&answer)(), max_sample_bytes) << "there was room";
+  answer = some_answer();
+  EXPECT_TRUE(has_room(answer, sender, repeated_anchor(0)));
+  EXPECT_FALSE(has_room(answer, {sender.vehicle, sender.epoch + 1}, repeated_anchor(0)));
+}
 
+TEST(Answer, OfAnotherKindOrSenderOrDamagedIsRefusedWhole) {
+  const auto open = [](const v1::Answer& answer) {
+    std::vector<Message<SE2>> messages;
+    return from_wire(answer, messages);
+  };
+  std::vector<Message<SE2>> messages;
+  ASSERT_EQ(from_wire(some_answer(), messages), WireStatus::ok);
+  ASSERT_EQ(messages.size(), 2U);
+  EXPECT_EQ(hashes(messages[0]), std::vector<Hash>{hash_of(test::anchor(2, 1))});
+  EXPECT_EQ(hashes(messages[1]), std::vector<Hash>{hash_of(test::anchor(2, 2))});
+
+  EXPECT_EQ(open(v1::Answer()), WireStatus::bad_answer);
   v1::Answer of_other_kind = some_answer();
-  of_other_kind.kind(v1::KIND_LANDMARK);
-  EXPECT_EQ(from_wire(of_other_kind, message), WireStatus::bad_answer);
+  of_other_kind.facts()[1].kind(v1::KIND_LANDMARK);
+  EXPECT_EQ(open(of_other_kind), WireStatus::bad_answer);
   v1::Answer of_no_kind = some_answer();
-  of_no_kind.kind(static_cast<v1::FactKind>(99));
-  EXPECT_EQ(from_wire(of_no_kind, message), WireStatus::unknown_enum);
+  of_no_kind.facts()[1].kind(static_cast<v1::FactKind>(99));
+  EXPECT_EQ(open(of_no_kind), WireStatus::unknown_enum);
   v1::Answer of_other_sender = some_answer();
   of_other_sender.vehicle(sender.vehicle + 1);
-  EXPECT_EQ(from_wire(of_other_sender, message), WireStatus::bad_answer);
-  for (std::size_t bytes = 0; bytes + 8 <= some_answer().sample().size(); ++bytes) {
+  EXPECT_EQ(open(of_other_sender), WireStatus::bad_answer);
+  for (std::size_t bytes = 0; bytes + 8 <= repeated_anchor(2).sample().size(); ++bytes) {
     v1::Answer cut = some_answer();
-    cut.sample().resize(bytes);
-    EXPECT_EQ(from_wire(cut, message), WireStatus::bad_answer) << bytes;
+    cut.facts()[1].sample().resize(bytes);
+    EXPECT_EQ(open(cut), WireStatus::bad_answer) << bytes;
   }
-  Message<SE3> of_other_dimension;
+  std::vector<Message<SE3>> of_other_dimension;
   EXPECT_EQ(from_wire(some_answer(), of_other_dimension), WireStatus::wrong_dimension);
 }
 
@@ -123,10 +185,16 @@ TEST(Answer, IsScannedAsItIsDecoded) {
   Guarded<v1::Answer> received;
   type.deserialize(&payload, &received);
   EXPECT_EQ(received.decoding, Decoding::ok);
-  EXPECT_EQ(received.sample.sample(), answer.sample());
-  const std::size_t length_at = 4 + 4 + 4 + 8 + 4;  // encapsulation, vehicle, its padding, epoch, kind
-  payload.data[length_at + 2] = 0xff;
-  EXPECT_EQ(scan_payload<v1::Answer>(payload.data, payload.length), Decoding::hostile);
+  ASSERT_EQ(received.sample.facts().size(), answer.facts().size());
+  for (std::size_t i = 0; i < answer.facts().size(); ++i)
+    EXPECT_EQ(received.sample.facts()[i].sample(), answer.facts()[i].sample());
+  const std::size_t count_at = 4 + 4 + 4 + 8;      // encapsulation, vehicle, its padding, epoch
+  const std::size_t length_at = count_at + 4 + 4;  // kind
+  for (const std::size_t at : {count_at, length_at}) {
+    const auto honest = std::exchange(payload.data[at + 2], 0xff);
+    EXPECT_EQ(scan_payload<v1::Answer>(payload.data, payload.length), Decoding::hostile) << at;
+    payload.data[at + 2] = honest;
+  }
 }
 
 }  // namespace

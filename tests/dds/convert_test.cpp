@@ -273,7 +273,7 @@ TEST(Convert, SplitKeepsOrderAnchorsAndSize) {
     EXPECT_LE(part.size(), 64U);
     v1::Landmark sample;
     ASSERT_EQ(to_wire(sender, part, sample), WireStatus::ok);
-    EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), max_landmark_sample_bytes);
+    EXPECT_LE(v1::Landmark::getCdrSerializedSize(sample), max_sample_bytes);
     for (const auto& fact : part) {
       EXPECT_EQ(fact.key.index, next++);
       EXPECT_EQ(fact.anchor, part.front().anchor);
@@ -297,7 +297,7 @@ TEST(Convert, TwentyLandmarksWithLoadingsMakeOneSample) {
   ASSERT_EQ(to_wire(sender, parts[0], sample), WireStatus::ok);
   EXPECT_EQ(sample.loading().size(), 20U * 31U);
   const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
-  EXPECT_LE(size, max_landmark_sample_bytes);
+  EXPECT_LE(size, max_sample_bytes);
   EXPECT_LE(size, 20U * 56U + 64U) << "index 4, kind 1, position 8, covariance 12, loading 31, and what all share";
   for (auto& fact : facts) fact.loading.setZero();
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
@@ -318,9 +318,9 @@ TEST(Convert, SamplesAreFull) {
       v1::Landmark sample;
       ASSERT_EQ(to_wire(sender, parts[k], sample), WireStatus::ok);
       const std::size_t size = v1::Landmark::getCdrSerializedSize(sample);
-      EXPECT_LE(size, max_landmark_sample_bytes);
+      EXPECT_LE(size, max_sample_bytes);
       if (k + 1 < parts.size()) {
-        EXPECT_GT(size + 56U + 8U, max_landmark_sample_bytes);
+        EXPECT_GT(size + 56U + 8U, max_sample_bytes);
       }
     }
   }
@@ -613,7 +613,7 @@ TEST(ConvertInSpace, ABatchIsSplitIntoSamplesThatFitAFrame) {
     v1::Landmark sample;
     ASSERT_EQ(to_wire(sender, part, sample), WireStatus::ok);
     GuardedType<v1::LandmarkPubSubType> type;
-    EXPECT_LE(type.getSerializedSizeProvider(&sample)(), max_landmark_sample_bytes);
+    EXPECT_LE(type.getSerializedSizeProvider(&sample)(), max_sample_bytes);
     const auto message = round_trip<v1::LandmarkPubSubType, SE3>(part);
     for (const auto& l : std::get<LandmarkBatch<SE3>>(message.payload).landmarks) got.push_back(hash_of(l));
   }

@@ -8,7 +8,7 @@
 int main() try {
   using namespace convoy;
   dds::DdsConfig config;
-  config.domain = 141;
+  config.domain = 19;
   config.profile_file = CONVOY_PROFILE;
   dds::DdsExchange<SE2> sender(config), receiver(config);
   if (!sender.wait_for_peers(1, 20.0)) return 1;

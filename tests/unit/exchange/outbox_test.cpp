@@ -41,10 +41,15 @@ class Counting final : public SubmapExchange<SE2> {
   }
   std::vector<Message<SE2>> take(double) override { return {}; }
   ExchangeCounters counters() const override { return counters_; }
+  SendStatus send_together(std::span<const Message<SE2>> messages) override {
+    together.push_back(messages.size());
+    return SubmapExchange<SE2>::send_together(messages);
+  }
   void background(std::uint64_t bytes) { counters_.bytes_sent += bytes; }
 
   static constexpr std::uint64_t bytes_per_message = 100;
   std::vector<Message<SE2>> sent;
+  std::vector<std::size_t> together;
   bool blocked = false, carries_fixes = true;
 
  private:
@@ -177,6 +182,31 @@ TEST(Outbox, SaysWhatIsRepeated) {
   EXPECT_TRUE(send(test::anchor(2, 0))) << "it is somebody else's";
   EXPECT_FALSE(send(test::anchor(1, 1)));
   EXPECT_FALSE(send(Digest{}));
+}
+
+TEST(Outbox, SaysAFewFactsAgainInOneGo) {
+  Paced paced(0.0);
+  const std::uint32_t limit = BudgetParams{}.batch_limit;
+  for (std::uint32_t k = 0; k < limit + 3; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
+  paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{limit, 3}));
+  paced.network->together.clear();
+  for (std::uint32_t k = 0; k < 3; ++k) (void)paced.exchange.send(of(test::anchor(1, k)));
+  paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{1, 1, 1})) << "news goes as it comes";
+}
+
+TEST(Outbox, WhatIsRefusedInOneGoIsSaidAgainWhole) {
+  Paced paced(0.0);
+  paced.network->blocked = true;
+  for (std::uint32_t k = 0; k < 5; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
+  paced.exchange.take(0.0);
+  EXPECT_TRUE(paced.network->sent.empty());
+  EXPECT_EQ(paced.exchange.outbox_counters().facts_waiting, 5U);
+  paced.network->blocked = false;
+  paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->sent.size(), 5U);
+  for (const auto& message : paced.network->sent) EXPECT_TRUE(message.repeated);
 }
 
 TEST(Outbox, TheMostInformativeLandmarksGoFirst) {
