@@ -19,10 +19,11 @@ struct IsLandmarks : std::false_type {};
 template <class G>
 struct IsLandmarks<LandmarkBatch<G>> : std::true_type {};
 
+/// How many landmarks take about as many bytes: an anchor as many as four, what a batch has in common three.
 template <class G>
-std::size_t facts_in(const Message<G>& message) {
+std::size_t size_in_landmarks(const Message<G>& message) {
   const auto* batch = std::get_if<LandmarkBatch<G>>(&message.payload);
-  return batch != nullptr ? batch->landmarks.size() : 1;
+  return batch != nullptr ? 3 + batch->landmarks.size() : 4;
 }
 
 }  // namespace
@@ -188,8 +189,9 @@ std::vector<Message<G>> Outbox<G>::next(double now_s, std::uint64_t bytes_sent) 
   // Who did not use its share does not save it up.
   for (double& spent : spent_) spent = std::max(spent, spent_[*chosen]);
   last_ = chosen;
-  counters_.in_debt += in_debt;
-  return take(*chosen);
+  std::vector<Message<G>> messages = take(*chosen);
+  if (in_debt) counters_.in_debt += messages.size();
+  return messages;
 }
 
 namespace {
@@ -225,10 +227,10 @@ Message<G> Outbox<G>::take_control() {
 template <class G>
 std::vector<Message<G>> Outbox<G>::take_facts() {
   news_were_last_ = !news_.empty() && (repeats_.empty() || !news_were_last_);
-  if (news_were_last_) return {take_fact(news_)};
+  Facts& from = news_were_last_ ? news_ : repeats_;
   std::vector<Message<G>> messages;
-  for (std::size_t count = 0; !repeats_.empty() && count < params_.batch_limit; count += facts_in(messages.back()))
-    messages.push_back(take_fact(repeats_));
+  for (std::size_t size = 0; !from.empty() && size < params_.batch_limit; size += size_in_landmarks(messages.back()))
+    messages.push_back(take_fact(from));
   return messages;
 }
 

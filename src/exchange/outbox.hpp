@@ -17,7 +17,7 @@ namespace convoy {
 struct BudgetParams {
   double bytes_per_s = 0.0;             ///< of this vehicle, everything included, >= 0; 0: no limit
   double burst_s = 1.0;                 ///< a budget unused for so long may be spent at once, > 0
-  std::uint32_t batch_limit = 20;       ///< landmarks per message, and facts said again in one go, 1..64
+  std::uint32_t batch_limit = 20;       ///< landmarks per message, and the size of what goes out in one go, 1..64
   std::size_t max_waiting = 1'000'000;  ///< facts; what comes beyond is left to the repair protocol, >= 1
 };
 
@@ -48,7 +48,7 @@ class Outbox {
   /// False if it was dropped.
   bool put(Message<G> message);
 
-  /// What goes out next, if the budget allows anything: one message, or a few facts that are said again. `bytes_sent`:
+  /// What goes out next, if the budget allows anything: one message, or a few facts. `bytes_sent`:
   /// ExchangeCounters::bytes_sent of the network, as of now.
   std::vector<Message<G>> next(double now_s, std::uint64_t bytes_sent);
 

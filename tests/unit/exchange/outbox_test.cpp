@@ -184,16 +184,21 @@ TEST(Outbox, SaysWhatIsRepeated) {
   EXPECT_FALSE(send(Digest{}));
 }
 
-TEST(Outbox, SaysAFewFactsAgainInOneGo) {
+TEST(Outbox, AFewFactsGoTogether) {
   Paced paced(0.0);
-  const std::uint32_t limit = BudgetParams{}.batch_limit;
+  const std::uint32_t limit = BudgetParams{}.batch_limit / 4;  // an anchor takes as much as four landmarks
   for (std::uint32_t k = 0; k < limit + 3; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
   paced.exchange.take(0.0);
   EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{limit, 3}));
   paced.network->together.clear();
-  for (std::uint32_t k = 0; k < 3; ++k) (void)paced.exchange.send(of(test::anchor(1, k)));
+  LandmarkBatch<SE2> batch;
+  for (std::uint32_t i = 0; i < 4; ++i) {
+    for (std::uint32_t k = 0; k < 5; ++k) batch.landmarks.push_back(landmark(5 * i + k, 0.1, i));
+    (void)paced.exchange.send(of(test::anchor(1, i)));
+  }
+  (void)paced.exchange.send(of(batch));
   paced.exchange.take(0.0);
-  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{1, 1, 1})) << "news goes as it comes";
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{5, 3})) << "4 x 4 + 8, then 3 x 8 landmarks";
 }
 
 TEST(Outbox, WhatIsRefusedInOneGoIsSaidAgainWhole) {
