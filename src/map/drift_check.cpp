@@ -63,10 +63,21 @@ class Closures {
       closures.push_back({path_of.at(h->batch_a.chain), state(h->batch_a), path_of.at(h->batch_b.chain),
                           state(h->batch_b), h->alignment.T_a_b, h->alignment.covariance()});
     }
-    return lag1_correlation({closure_residuals(paths, closures)}, {1.0, 0.0, 0.0, 0.0, 0.0});
+    ResidualGroup group = closure_residuals(paths, closures);
+    for (const auto& [chain, path] : path_of) hold_constants(chain, path, group);
+    return lag1_correlation({group}, {1.0, 0.0, 0.0, 0.0, 0.0});
   }
 
  private:
+  // What a chain states of its odometer's constants is no surprise, and the map estimates it (F5).
+  void hold_constants(const ChainId& chain, int path, ResidualGroup& group) const {
+    const PriorFact<G>* prior = store_.prior(chain);
+    if (prior == nullptr || group.constants.empty()) return;
+    const Eigen::MatrixXd& U = group.constants[static_cast<std::size_t>(path)];
+    const Eigen::Vector2d sigma(prior->persistent.scale, prior->persistent.heading_rad_per_m);
+    group.fixed += U * sigma.cwiseAbs2().asDiagonal() * U.transpose();
+  }
+
   const FactStore<G>& store_;
   std::map<ChainId, std::map<std::pair<double, Key>, const Hypothesis<G>*>> of_;
 };

@@ -13,8 +13,8 @@ namespace convoy {
 
 /// Lag-1 correlation of the whitened innovations of the hypotheses that stand and involve `chain`, in the order of
 /// driving; of each batch that closed a loop only its strongest hypothesis, and the latest `most` of them. A persistent
-/// error (scale of an odometer, rate of a gyro) makes neighbours alike. Of a closure between two vehicles either may be
-/// the one.
+/// error (scale of an odometer, rate of a gyro) that its chain does not state makes neighbours alike. Of a closure
+/// between two vehicles either may be the one.
 template <class G>
 Lag1 drift_correlation(const FactStore<G>& store, const Selection<G>& selection, const ChainId& chain,
                        std::size_t most = 60);
