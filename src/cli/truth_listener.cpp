@@ -19,6 +19,7 @@
 #include <sstream>
 
 #include "evaluate/run_folder.hpp"
+#include "evaluate/truth_depth.hpp"
 #include "scenario/table_file.hpp"
 
 namespace convoy::cli {
@@ -68,13 +69,6 @@ struct DepthFrame {
   std::uint32_t step = 0;
   int width = 0, height = 0;
   std::vector<float> depth_m;
-
-  /// 0: the sky, or no such pixel.
-  double at(double u, double v) const {
-    const double column = std::round(u), row = std::round(v);
-    if (!(column >= 0 && row >= 0 && column < width && row < height)) return 0.0;
-    return depth_m[static_cast<std::size_t>(row) * static_cast<std::size_t>(width) + static_cast<std::size_t>(column)];
-  }
 };
 
 /// Of one vehicle.
@@ -175,7 +169,7 @@ struct TruthListener::Impl {
                                     [&](const DepthFrame& f) { return std::abs(f.stamp_s - row[1]) < 1e-6; });
     if (frame == h.frames.end()) return;
     const auto pose = h.poses.find(frame->step);
-    const double depth_m = frame->at(row[2], row[3]);
+    const double depth_m = depth_of_corner(frame->depth_m, frame->width, frame->height, row[2], row[3]);
     if (pose == h.poses.end() || depth_m <= 0.0) return;
     const Eigen::Vector3d origin(row[4], row[5], row[6]), per_m(row[7], row[8], row[9]);
     h.tracks[static_cast<std::uint64_t>(row[0])].push_back(pose->second.T_world_body * (origin + depth_m * per_m));

@@ -1,4 +1,5 @@
 #include "evaluate/truth.hpp"
+#include "evaluate/truth_depth.hpp"
 
 #include <gtest/gtest.h>
 
@@ -72,6 +73,25 @@ TEST(TruthMount, IsEmptyForAVehicleThatStands) {
   for (int i = 0; i < 1000; ++i) truth.push_back({0.05 * i, SE2(1.0, 2.0, 0.5)});
   EXPECT_FALSE(find_truth_mount(truth));
   EXPECT_FALSE(find_truth_mount({}));
+}
+
+TEST(TruthDepth, OfACornerAtASilhouetteIsThatOfWhatIsInFront) {
+  constexpr int width = 12, height = 8;
+  std::vector<float> depth(width * height, 15.0F);
+  for (int r = 0; r < height; ++r)
+    for (int c = 0; c < 6; ++c) depth[static_cast<std::size_t>(r * width + c)] = 7.0F;  // a wall on the left
+  EXPECT_EQ(depth_of_corner(depth, width, height, 5.4, 4.0), 7.0);
+  EXPECT_EQ(depth_of_corner(depth, width, height, 5.6, 4.0), 7.0) << "its pixel shows what is behind";
+  EXPECT_EQ(depth_of_corner(depth, width, height, 9.0, 4.0), 15.0);
+  for (int r = 0; r < height; ++r)  // a slope is one surface
+    for (int c = 0; c < width; ++c)
+      depth[static_cast<std::size_t>(r * width + c)] = 15.0F + 0.1F * static_cast<float>(c);
+  EXPECT_EQ(depth_of_corner(depth, width, height, 6.0, 4.0), static_cast<double>(15.0F + 0.1F * 6.0F));
+  std::fill(depth.begin(), depth.end(), 0.0F);
+  EXPECT_EQ(depth_of_corner(depth, width, height, 6.0, 4.0), 0.0) << "nothing but sky";
+  depth[4 * width + 7] = 20.0F;
+  EXPECT_EQ(depth_of_corner(depth, width, height, 6.0, 4.0), 20.0) << "the tip of something before the sky";
+  for (const double u : {-1.0, 12.0}) EXPECT_EQ(depth_of_corner(depth, width, height, u, 4.0), 0.0);
 }
 
 }  // namespace
