@@ -209,7 +209,8 @@ int main(int argc, char** argv) {
   network_command->callback([&] { status = cli::run_bench_network(network); });
 
   // Only for the list of commands: their words are the affair of programs of their own.
-  app.add_subcommand("replay", "A recording of a camera and an odometer through one vehicle (convoy replay --help)");
+  app.add_subcommand("replay",
+                     "A recording of sensors and an odometer through a vehicle or a fleet (convoy replay --help)");
   app.add_subcommand("sim", "Simulate vehicles in streets: what they sense, as DDS topics (convoy sim --help)");
 
   cli::BenchPeerOptions peer;
@@ -230,8 +231,7 @@ int main(int argc, char** argv) {
   try {
     if (argc > 1 && std::string(argv[1]) == "sim")
       cli::become(cli::simulator_program(), "CONVOY_BUILD_SIMULATOR", argc, argv);
-    if (argc > 1 && std::string(argv[1]) == "replay")
-      cli::become(cli::replay_program(), "CONVOY_BUILD_VISION", argc, argv);
+    if (argc > 1 && std::string(argv[1]) == "replay") cli::become(cli::replay_program(), "CONVOY_WITH_DDS", argc, argv);
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return app.exit(error) == 0 ? 0 : 2;  // 0: --help, --version

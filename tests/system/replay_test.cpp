@@ -1,4 +1,4 @@
-// convoy replay: recordings of the simulator, of KITTI's vehicle, and images alone.
+// convoy replay: recordings of the simulator, of KITTI's vehicle, images alone, and Victoria Park as a fleet.
 #include <gtest/gtest.h>
 
 #include <unistd.h>
@@ -26,11 +26,14 @@ json without_times(json front_end) {
   return front_end;
 }
 
+#ifdef CONVOY_HAS_VISION
 std::size_t pictures_in(const fs::path& run) {
   std::size_t count = 0;
   for (const auto& entry : fs::directory_iterator(run / "frames")) count += entry.path().extension() == ".png";
   return count;
 }
+
+#endif
 
 void expect_refusal(const std::string& arguments, const std::string& words) {
   const Outcome outcome = run_convoy(arguments);
@@ -134,6 +137,56 @@ TEST_F(SimulatedDrive, BeginsAnewWithANewEpochEachTimeThatItIsLost) {
 
 #endif
 
+TEST(Replay, AKindThatIsNoneOrAFolderThatIsNoneIsRefusedBeforeAnythingIsWritten) {
+  const ScratchFolder scratch;
+  const std::string out = " --out " + (scratch / "run").string();
+  expect_refusal("replay --dataset mrclam " + scratch.path().string() + out,
+                 "no kind of data set 'mrclam'; there are: images, kitti, victoria");
+  expect_refusal("replay --dataset victoria " + (scratch / "none").string() + out,
+                 "none: no such folder; give the folder of the Victoria Park data set");
+  expect_refusal("replay --dataset victoria " + scratch.path().string() + out, "odometry.csv: no such file");
+  expect_refusal("replay --rate 10 --dataset victoria " + scratch.path().string() + out,
+                 "--rate and --features are of images");
+  std::ofstream(scratch / "odometry.csv") << "t_s,speed_mps,steering_rad\n1,2,0\n2,2,0\n3,2";
+  expect_refusal("replay --dataset victoria " + scratch.path().string() + out, "odometry.csv:4: the last line has no");
+  EXPECT_FALSE(fs::exists(scratch / "run"));
+}
+
+TEST(Replay, VictoriaParkIsAFleetThatComesToShareOneMap) {
+  const auto park = victoria_park_folder();
+  if (!park) GTEST_SKIP() << "no victoria_park; set CONVOY_DATA_DIR to the folder that holds victoria_park";
+  const ScratchFolder scratch;
+  const fs::path run = scratch / "run";
+  const Outcome outcome = run_convoy("replay --dataset victoria " + park->string() + " --out " + run.string());
+  ASSERT_EQ(outcome.status, 0) << outcome.output;
+  const json metrics = read_json(run / "metrics.json");
+  const json& m = metrics.at("front_end");
+  std::printf("%s\n", m.dump().c_str());
+  EXPECT_GE(m.at("frames"), 7000);
+  EXPECT_GE(m.at("tracked_p50"), 3);
+  EXPECT_GT(m.at("ms_p95"), 0.0);
+  EXPECT_GE(m.at("ms_max"), m.at("ms_p95"));
+  EXPECT_GE(m.at("exports_per_100m"), 5.0);
+  EXPECT_EQ(m.at("lost_epochs"), 0);
+  EXPECT_TRUE(m.at("drift_percent").is_number());
+  EXPECT_EQ(metrics.at("all_aligned"), true);
+  EXPECT_EQ(metrics.at("facts_lost"), 0);
+  EXPECT_EQ(metrics.at("associations").at("hypotheses_false"), 0);
+  for (const json& vehicle : metrics.at("vehicles")) {
+    EXPECT_GE(vehicle.at("front_end").at("frames"), 2000);
+    EXPECT_EQ(vehicle.at("integrity"), "OK") << vehicle.at("id");
+  }
+  for (const char* words : {"<h2>Front ends</h2>", "<h2>Vehicle 3</h2>", "drift at the end"})
+    EXPECT_NE(read_text(run / "report.html").find(words), std::string::npos) << words;
+
+  ASSERT_EQ(run_convoy("replay --dataset victoria " + park->string() + " --out " + (scratch / "again").string()).status,
+            0);
+  for (const char* name : {"vehicle_1/facts.jsonl", "vehicle_3/facts.jsonl", "vehicle_2.tum"})
+    EXPECT_EQ(read_text(run / name), read_text(scratch / "again" / name)) << name;
+}
+
+#ifdef CONVOY_HAS_VISION
+
 TEST(Replay, WhatIsNoRecordingIsRefusedBeforeAnythingIsWritten) {
   const ScratchFolder scratch;
   const std::string out = " --out " + (scratch / "run").string();
@@ -142,8 +195,6 @@ TEST(Replay, WhatIsNoRecordingIsRefusedBeforeAnythingIsWritten) {
   expect_refusal("replay --dataset images " + (scratch / "fleet").string() + out, "give that of one of them");
   expect_refusal("replay --dataset images " + (scratch / "none").string() + out, "none: is no folder");
   expect_refusal("replay --dataset kitti " + (scratch / "fleet").string() + out, "is no drive of KITTI");
-  expect_refusal("replay --dataset mrclam " + (scratch / "fleet").string() + out,
-                 "no kind of data set 'mrclam'; there are: images, kitti");
   EXPECT_FALSE(fs::exists(scratch / "run"));
 }
 
@@ -182,6 +233,16 @@ TEST(Replay, TheDeskIsFollowedThroughAndNothingIsSaidOfItsPath) {
     EXPECT_TRUE(m.at(key).is_null()) << key;
   EXPECT_GE(pictures_in(scratch / "r"), 4U);
 }
+
+#else
+
+TEST(Replay, RecordingsWithACameraAreRefusedWhereThereIsNoOpenCv) {
+  const ScratchFolder scratch;
+  expect_refusal("replay --dataset images " + scratch.path().string() + " --out " + (scratch / "run").string(),
+                 "built without OpenCV");
+}
+
+#endif
 
 }  // namespace
 }  // namespace convoy::testing

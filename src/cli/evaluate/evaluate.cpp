@@ -443,12 +443,11 @@ json real_time_factor(const RunRecord<G>& run) {
   return vehicle.get<double>() / wall.get<double>();
 }
 
-/// Of the only vehicle, if it has a camera.
 template <class G>
 json front_end(const RunRecord<G>& run) {
-  if constexpr (G::Dim == 3)
-    if (run.vehicles.size() == 1) return judge_front_end(run.vehicles.front().front_end, run.vehicles.front().truth);
-  return nullptr;
+  std::vector<FrontEndDrive> drives;
+  for (const VehicleRecord<G>& vehicle : run.vehicles) drives.push_back({vehicle.front_end, in_space(vehicle.truth)});
+  return judge_front_ends(drives);
 }
 
 json rates(const std::vector<TimedValue>& by_second, double last_t_s) {
@@ -504,6 +503,7 @@ Evaluation<G> evaluate(const RunRecord<G>& run) {
                   {"poses_without_covariance", live.without_covariance},
                   {"trajectory_anees", corrected.anees()},
                   {"trajectory_coverage95", corrected.coverage95()},
+                  {"front_end", judge_front_end(vehicle.front_end, in_space(vehicle.truth))},
                   {"truth_mount_heading_rad", mount == mounts.end() ? json() : json(mount->second.heading_rad)},
                   {"truth_mount_forward_m", mount == mounts.end() ? json() : json(mount->second.forward_m)}};
     for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent",

@@ -43,7 +43,8 @@
 // no true pose. Of single pairings nothing is said then, nor of covariances; errors of poses and distances are those of
 // the truth, too.
 //
-// The entry "front_end", of a run of one vehicle with a camera, is told of in front_end_record.hpp; null otherwise.
+// The entry "front_end", of the fleet and of each vehicle, is told of in front_end_record.hpp; null unless the run was
+// one of `convoy replay`.
 //
 // In space all this is of three dimensions: distances, ATE, rigid fits, gauge_turn_rad (about any axis). Gauge
 // "mounted" and truth_mount_... are planar, and null there.

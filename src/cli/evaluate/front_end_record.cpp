@@ -1,6 +1,7 @@
 #include "evaluate/front_end_record.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <optional>
 #include <string>
@@ -17,7 +18,7 @@ using Frames = std::vector<FrontEndFrame>;
 namespace {
 
 constexpr double part_m = 100.0;
-constexpr std::size_t part_step = 10;  // images from one part's start to the next
+constexpr std::size_t part_step = 10;  // frames from one part's start to the next
 
 const std::string header = "t_s,epoch,path_m," + pose_header<SE3>("") + "," + pose_header<SE3>("odometry_") +
                            ",took_ms,sought,tracked,started,landmarks,converged,exported";
@@ -31,7 +32,7 @@ json quantile(std::vector<Value> values, double share) {
   return values[static_cast<std::size_t>(at)];
 }
 
-/// An image with the truth of its moment.
+/// A frame with the truth of its moment.
 struct Judged {
   const FrontEndFrame* frame;
   SE3 T_world_body;
@@ -50,31 +51,38 @@ std::vector<Judged> with_truth(const Frames& frames, const std::vector<TruthPose
   return judged;
 }
 
-/// Of the way from a to b, over the true distance. [%]
-double drift_percent(const Judged& a, const Judged& b, SE3 FrontEndFrame::*pose) {
+/// Of the way from a to b.
+double error_m(const Judged& a, const Judged& b, SE3 FrontEndFrame::*pose) {
   const SE3 truth = a.T_world_body.inverse() * b.T_world_body;
   const SE3 estimate = (a.frame->*pose).inverse() * (b.frame->*pose);
-  return 100.0 * (estimate.translation() - truth.translation()).norm() / (b.path_m - a.path_m);
+  return (estimate.translation() - truth.translation()).norm();
 }
 
-std::vector<double> drift_of_parts(const std::vector<Judged>& judged) {
-  std::vector<double> drift;
+void add_drift_of_parts(const std::vector<Judged>& judged, std::vector<double>& percent) {
   for (std::size_t i = 0; i < judged.size(); i += part_step) {
     const auto end = std::find_if(judged.begin() + static_cast<std::ptrdiff_t>(i), judged.end(),
                                   [&](const Judged& b) { return b.path_m >= judged[i].path_m + part_m; });
     if (end == judged.end()) break;
-    drift.push_back(drift_percent(judged[i], *end, &FrontEndFrame::T_start_body));
+    percent.push_back(100.0 * error_m(judged[i], *end, &FrontEndFrame::T_start_body) /
+                      (end->path_m - judged[i].path_m));
   }
-  return drift;
 }
 
-void judge_drift(const std::vector<Judged>& judged, json& out) {
-  out["drift_percent"] = out["odometry_drift_percent"] = out["drift_percent_100m"] = nullptr;
-  const std::vector<double> parts = drift_of_parts(judged);
+void judge_drift(const std::vector<FrontEndDrive>& drives, json& out) {
+  std::vector<double> parts;
+  double path_m = 0.0, off_m = 0.0, odometry_off_m = 0.0;
+  for (const FrontEndDrive& drive : drives) {
+    const std::vector<Judged> judged = with_truth(drive.frames, drive.truth);
+    add_drift_of_parts(judged, parts);
+    if (judged.empty() || judged.back().path_m < 1.0) continue;
+    path_m += judged.back().path_m;
+    off_m += error_m(judged.front(), judged.back(), &FrontEndFrame::T_start_body);
+    odometry_off_m += error_m(judged.front(), judged.back(), &FrontEndFrame::T_start_odometry);
+  }
   out["drift_parts_100m"] = parts.size();
-  if (judged.empty() || judged.back().path_m < 1.0) return;
-  out["drift_percent"] = drift_percent(judged.front(), judged.back(), &FrontEndFrame::T_start_body);
-  out["odometry_drift_percent"] = drift_percent(judged.front(), judged.back(), &FrontEndFrame::T_start_odometry);
+  out["drift_percent"] = path_m > 0.0 ? json(100.0 * off_m / path_m) : json();
+  out["odometry_drift_percent"] = path_m > 0.0 ? json(100.0 * odometry_off_m / path_m) : json();
+  out["drift_percent_100m"] = nullptr;
   double sum = 0.0;
   for (const double drift : parts) sum += drift;
   if (!parts.empty()) out["drift_percent_100m"] = sum / static_cast<double>(parts.size());
@@ -112,31 +120,47 @@ Frames read_front_end(const std::filesystem::path& file, bool may_be_cut) {
   return frames;
 }
 
-json judge_front_end(const Frames& frames, const std::vector<TruthPose<SE3>>& truth) {
-  if (frames.empty()) return nullptr;
+json judge_front_ends(const std::vector<FrontEndDrive>& drives) {
   std::vector<double> ms;
   std::vector<std::uint32_t> tracked;
-  double found = 0.0, started = 0.0;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
-    ms.push_back(frames[i].took_ms);
-    found += frames[i].tracked;
-    started += frames[i].started;
-    if (i > 0) tracked.push_back(frames[i].tracked);  // in the first, all are new
+  double found = 0.0, started = 0.0, path_m = 0.0, exported = 0.0;
+  Epoch lost = 0;
+  bool with_paths = true;
+  for (const auto& [frames, truth] : drives) {
+    for (std::size_t i = 0; i < frames.size(); ++i) {
+      ms.push_back(frames[i].took_ms);
+      found += frames[i].tracked;
+      started += frames[i].started;
+      if (i > 0) tracked.push_back(frames[i].tracked);  // in the first, all are new
+    }
+    if (frames.empty()) continue;
+    with_paths = with_paths && frames.back().epoch > 0;
+    path_m += frames.back().path_m;
+    exported += frames.back().exported;
+    lost += frames.back().epoch - frames.front().epoch;
   }
-  const FrontEndFrame& last = frames.back();
-  const bool drove = last.epoch > 0 && last.path_m >= 1.0;
-  json out = {{"frames", frames.size()},
+  if (ms.empty()) return nullptr;
+  json out = {{"frames", ms.size()},
               {"ms_p50", quantile(ms, 0.5)},
               {"ms_p95", quantile(ms, 0.95)},
               {"ms_max", quantile(ms, 1.0)},
               {"tracked_p50", quantile(tracked, 0.5)},
               {"track_length_mean", started > 0.0 ? json((found + started) / started) : json()},
               {"frames_without_tracks", std::count(tracked.begin(), tracked.end(), 0U)},
-              {"exports_per_100m", drove ? json(100.0 * last.exported / last.path_m) : json()},
-              {"path_m", last.epoch > 0 ? json(last.path_m) : json()},
-              {"lost_epochs", last.epoch > 0 ? json(last.epoch - frames.front().epoch) : json()}};
-  judge_drift(with_truth(frames, truth), out);
+              {"exports_per_100m", with_paths && path_m >= 1.0 ? json(100.0 * exported / path_m) : json()},
+              {"path_m", with_paths ? json(path_m) : json()},
+              {"lost_epochs", with_paths ? json(lost) : json()}};
+  judge_drift(drives, out);
   return out;
+}
+
+json judge_front_end(const Frames& frames, const std::vector<TruthPose<SE3>>& truth) {
+  return judge_front_ends({{frames, truth}});
+}
+
+SE3 in_space(const SE2& pose) {
+  const Eigen::Vector2d& p = pose.translation();
+  return {{std::cos(0.5 * pose.theta()), 0.0, 0.0, std::sin(0.5 * pose.theta())}, {p.x(), p.y(), 0.0}};
 }
 
 }  // namespace convoy::cli

@@ -10,14 +10,17 @@
 int main(int argc, char** argv) {
   using namespace convoy;
   spdlog::set_default_logger(spdlog::stderr_logger_mt("convoy"));
-  CLI::App app{"convoy replay: a recording of a camera and an odometer through the front end of one vehicle"};
+  CLI::App app{
+      "convoy replay: a recording of sensors and an odometer through the front end of a vehicle, or of a fleet"};
   app.name("convoy replay");
   cli::ReplayOptions replay;
   std::vector<std::string> recording;
   app.add_option(
          "--dataset", recording,
          "KIND FOLDER; kinds: images (a vehicle's folder of convoy sim --record, or one's own recording of that "
-         "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt)")
+         "layout), kitti (a drive of KITTI's odometry benchmark with poses.txt), victoria (Victoria Park's "
+         "odometry.csv, "
+         "gps.csv and tree_detections.csv: the drive in three parts, as a fleet)")
       ->expected(2)
       ->required();
   app.add_option("--out", replay.out, "run folder to make")->required();
@@ -25,6 +28,7 @@ int main(int argc, char** argv) {
       ->check(CLI::Range(0.001, 10000.0));
   app.add_option("--features", replay.features, "features followed at once, 12 to 400 (default: 50)")
       ->check(CLI::Range(12, 400));
+  app.add_option("--seed", replay.seed, "of where the vehicles of victoria believe to start (default: 1)");
   try {
     app.parse(argc, argv);
     replay.dataset = recording[0];

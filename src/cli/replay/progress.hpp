@@ -10,11 +10,11 @@ namespace convoy::cli {
 class Progress {
  public:
   /// t_s: of the recording.
-  void tell(std::size_t images, double t_s) {
+  void tell(std::size_t frames, double t_s) {
     const double wall_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - began_).count();
     if (wall_s < next_s_) return;
     next_s_ = wall_s + period_s;
-    std::fprintf(stderr, "convoy replay: %zu images, %.1f s of the recording\n", images, t_s);
+    std::fprintf(stderr, "convoy replay: %zu frames, %.1f s of the recording\n", frames, t_s);
   }
 
  private:

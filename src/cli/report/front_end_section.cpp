@@ -30,12 +30,12 @@ std::string tile(const std::string& value, const std::string& what) {
 
 std::string tiles(const json& m) {
   std::string out = "<div class=\"tiles\">\n";
-  out += tile(shown(m.at("frames"), 0, ""), "images");
-  out += tile(shown(m.at("ms_p50"), 2, "ms"), "per image, median");
+  out += tile(shown(m.at("frames"), 0, ""), "frames");
+  out += tile(shown(m.at("ms_p50"), 2, "ms"), "per frame, median");
   out += tile(shown(m.at("ms_p95"), 2, "ms"), "95 % take less");
   out += tile(shown(m.at("ms_max"), 2, "ms"), "longest");
   out += tile(shown(m.at("tracked_p50"), 0, ""), "features found again, median");
-  out += tile(shown(m.at("track_length_mean"), 1, ""), "images per track, mean");
+  out += tile(shown(m.at("track_length_mean"), 1, ""), "frames per track, mean");
   if (m.at("path_m").is_number()) {
     out += tile(shown(m.at("path_m"), 0, "m"), "driven");
     out += tile(shown(m.at("exports_per_100m"), 0, ""), "landmarks exported per 100 m");
@@ -62,7 +62,7 @@ std::string figure(const std::string& title, const std::string& body, const std:
 std::string time_figure(const Frames& frames, const json& m) {
   SvgPlot time(figures::page_width, 240.0), features(figures::page_width, 280.0);
   time.x_label("time [s]");
-  time.y_label("per image [ms]");
+  time.y_label("per frame [ms]");
   time.log_y(0.1);
   time.line(over_time(frames, [](const FrontEndFrame& f) { return f.took_ms; }), {figures::convoy_color, 1.0}, "took");
   const double first_s = frames.front().t_s, last_s = frames.back().t_s;
@@ -77,12 +77,14 @@ std::string time_figure(const Frames& frames, const json& m) {
   if (frames.back().epoch > 0) {
     features.line(over_time(frames, [](const FrontEndFrame& f) { return f.landmarks; }), {"#1f5fbf", 1.2},
                   "of them landmarks");
-    features.line(over_time(frames, [](const FrontEndFrame& f) { return f.converged; }), {"#2f9e63", 1.2}, "converged");
+    if (std::any_of(frames.begin(), frames.end(), [](const FrontEndFrame& f) { return f.converged > 0; }))
+      features.line(over_time(frames, [](const FrontEndFrame& f) { return f.converged; }), {"#2f9e63", 1.2},
+                    "converged");
   }
   return figure("Time and features", time.svg() + features.svg(),
-                "Wall time of each image (logarithmic), everything from pyramid to filter, and what became of the "
-                "tracks in it. A "
-                "landmark has a depth; a converged one will be exported unless something speaks against it.");
+                "Wall time of each frame (logarithmic), all that the front end does with it, and what became of the "
+                "tracks in it. A landmark has a place; a converged one will be exported unless something speaks "
+                "against it.");
 }
 
 /// From the pose at the first image that has a truth, as both begin there.
@@ -119,7 +121,9 @@ std::string path_figure(const Frames& frames, const std::vector<TruthPose<SE3>>&
                 shown(m.at("drift_percent"), 2, "%") + " of the distance driven, the odometer alone by " +
                 shown(m.at("odometry_drift_percent"), 2, "%") + "."
           : "There is no truth to judge it by.";
-  return figure("Path", above.svg() + side.svg(), "Live poses, from above, and heights. " + drift);
+  const bool flat = std::all_of(height.begin(), height.end(), [](const Point& p) { return p.y() == 0.0; });
+  return flat ? figure("Path", above.svg(), "Live poses, from above. " + drift)
+              : figure("Path", above.svg() + side.svg(), "Live poses, from above, and heights. " + drift);
 }
 
 std::string picture_figure(const fs::path& folder, bool with_depths) {
@@ -147,6 +151,17 @@ std::string front_end_section(const json& front_end, const Frames& frames, const
   std::string out = "<section>\n<h2>Front end</h2>\n" + tiles(front_end) + time_figure(frames, front_end);
   if (frames.back().epoch > 0) out += path_figure(frames, truth, front_end);
   return out + picture_figure(folder, frames.back().epoch > 0) + "</section>\n";
+}
+
+std::string front_end_section(const json& front_end, const json& vehicles, const std::vector<FrontEndDrive>& drives) {
+  std::string out = "<section>\n<h2>Front ends</h2>\n" + tiles(front_end);
+  for (std::size_t i = 0; i < drives.size(); ++i) {
+    const json& own = vehicles.at(i).at("front_end");
+    if (own.is_null()) continue;
+    out += "<h2>Vehicle " + vehicles.at(i).at("id").dump() + "</h2>\n" + time_figure(drives[i].frames, own) +
+           path_figure(drives[i].frames, drives[i].truth, own);
+  }
+  return out + "</section>\n";
 }
 
 std::string make_front_end_page(const json& metrics, const Frames& frames, const fs::path& folder) {

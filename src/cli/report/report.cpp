@@ -324,16 +324,26 @@ std::string headline(const RunRecord<G>& run, const json& m) {
   return text;
 }
 
+namespace {
+
+template <class G>
+std::string front_ends(const RunRecord<G>& run, const json& m) {
+  std::vector<FrontEndDrive> drives;
+  for (const VehicleRecord<G>& vehicle : run.vehicles) drives.push_back({vehicle.front_end, in_space(vehicle.truth)});
+  if (drives.size() == 1)
+    return front_end_section(m.at("front_end"), drives.front().frames, drives.front().truth, run.folder);
+  return front_end_section(m.at("front_end"), m.at("vehicles"), drives);
+}
+
+}  // namespace
+
 template <class G>
 std::string make_report(const RunRecord<G>& run, const Evaluation<G>& evaluation) {
   const json& m = evaluation.metrics;
   std::string page = page_begin("convoy: " + run.scenario);
   page += "<h1>convoy: what a run came to</h1>\n<p class=\"lead\">" + xml_escaped(headline(run, m)) +
           "</p>\n<p class=\"source\">" + xml_escaped(source_line(run)) + "</p>\n" + tiles(m);
-  if constexpr (G::Dim == 3)
-    if (!m.at("front_end").is_null())
-      page +=
-          front_end_section(m.at("front_end"), run.vehicles.front().front_end, run.vehicles.front().truth, run.folder);
+  if (!m.at("front_end").is_null()) page += front_ends(run, m);
   for (const Figure& figure : make_figures(run, evaluation))
     page += "<section>\n<h2>" + xml_escaped(figure.title) + "</h2>\n<figure>\n" + figure.body + "<figcaption>" +
             xml_escaped(figure.caption) + "</figcaption>\n</figure>\n</section>\n";

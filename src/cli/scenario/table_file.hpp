@@ -62,6 +62,8 @@ class TableFile {
   std::uint64_t whole_number(std::size_t column) const;             ///< 0..2^64-1
   std::uint32_t small_number(std::size_t column) const;             ///< 0..2^32-1
 
+  /// Of the current row; the first line of the file is 1.
+  std::size_t line() const { return line_number_; }
   /// Refuses the current row: "file:line: what".
   [[noreturn]] void refuse(const std::string& what) const;
 

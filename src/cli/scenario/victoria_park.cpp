@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <convoy/config_error.hpp>
+#include <cstdio>
 
 #include "scenario/counter_rng.hpp"
 #include "scenario/gps_reference.hpp"
@@ -33,6 +34,7 @@ const SE2::Tangent prior_sigma(11.0, 11.0, 0.15);
 
 struct Detections {
   double t_s = 0.0;
+  std::size_t line = 0;                   ///< where they begin in the file
   std::vector<Eigen::Vector2d> points_m;  ///< body frame
 };
 
@@ -68,7 +70,7 @@ std::vector<Detections> read_detections(const fs::path& file) {
   for (TableFile table(file, {.header = "t_s,range_m,bearing_rad,diameter_m"}); table.next();) {
     const double t_s = table.number(0) - laser_delay_s;
     if (!scans.empty()) check_time(table, t_s, scans.back().t_s);
-    if (scans.empty() || t_s > scans.back().t_s) scans.push_back({t_s, {}});
+    if (scans.empty() || t_s > scans.back().t_s) scans.push_back({t_s, table.line(), {}});
     if (table.text(1).empty() && table.text(2).empty() && table.text(3).empty()) continue;  // a scan that saw nothing
     const double range_m = table.number(1), bearing_rad = table.number(2);
     if (range_m <= 0.0) table.refuse("the range must be above 0");
@@ -84,6 +86,49 @@ struct Window {
   /// The stamps have milliseconds; so have the differences, once the rounding of the subtraction is taken off.
   double since_begin(double t_s) const { return std::round((t_s - begin_s) * 1e6) / 1e6; }
 };
+
+std::vector<Window> windows_of(const ReckonedPath& path) {
+  std::vector<Window> cuts;
+  const double length_s = (path.end_s() - path.begin_s()) / windows;
+  for (VehicleId i = 0; i < windows; ++i)
+    cuts.push_back({path.begin_s() + i * length_s, path.begin_s() + i * length_s + length_s});
+  return cuts;
+}
+
+/// One row of a table, by time.
+struct Row {
+  double t_s = 0.0;
+  std::size_t line = 0;
+};
+
+/// A vehicle whose part of the drive has none of `rows` could not drive, could not see, or could not be judged.
+void expect_in_each(const std::vector<Window>& cuts, const fs::path& file, const std::vector<Row>& rows,
+                    const char* what) {
+  for (const Window& window : cuts) {
+    const auto from = std::find_if(rows.begin(), rows.end(), [&](const Row& row) { return row.t_s >= window.begin_s; });
+    if (from != rows.end() && window.holds(from->t_s)) continue;
+    const std::size_t line = from != rows.end() ? from->line : rows.empty() ? 1 : rows.back().line;
+    char seconds[64];
+    std::snprintf(seconds, sizeof seconds, "%.2f s to %.2f s", window.begin_s, window.end_s);
+    throw ConfigError(file.string() + ":" + std::to_string(line) + ": no " + what + " from " + seconds +
+                      ", and that part of the drive is a vehicle of its own; fetch the data set again");
+  }
+}
+
+/// Of a table with one of them a line, below the header.
+template <class Timed>
+std::vector<Row> rows_of(const std::vector<Timed>& timed) {
+  std::vector<Row> rows;
+  for (const Timed& each : timed) rows.push_back({each.t_s, rows.size() + 2});
+  return rows;
+}
+
+std::vector<Row> seen_in(const std::vector<Detections>& detections) {
+  std::vector<Row> rows;
+  for (const Detections& d : detections)
+    if (!d.points_m.empty()) rows.push_back({d.t_s, d.line});
+  return rows;
+}
 
 struct Dropped {
   std::size_t unsure = 0, seldom = 0, moving = 0;
@@ -167,6 +212,10 @@ Scenario<SE2> load_victoria_park(const fs::path& folder, std::uint64_t seed) {
   const std::vector<GpsFix> fixes = read_gps(folder / "gps.csv");
   const std::vector<Detections> detections = read_detections(folder / "tree_detections.csv");
   const ReckonedPath path(odometry);
+  const std::vector<Window> cuts = windows_of(path);
+  expect_in_each(cuts, folder / "odometry.csv", rows_of(odometry), "odometry");
+  expect_in_each(cuts, folder / "gps.csv", rows_of(fixes), "fix");
+  expect_in_each(cuts, folder / "tree_detections.csv", seen_in(detections), "detection");
   GpsReferenceParams params;
   params.lever_m = laser_m;
   const GpsReference reference = gps_reference(path, fixes, truth_period_s, params);
@@ -177,11 +226,8 @@ Scenario<SE2> load_victoria_park(const fs::path& folder, std::uint64_t seed) {
   scenario.pose_tolerance = reference_tolerance;
   scenario.common_frame_vehicle = 1;
   Dropped dropped;
-  const double length_s = (path.end_s() - path.begin_s()) / windows;
   for (VehicleId id = 1; id <= windows; ++id) {
-    const double begin_s = path.begin_s() + (id - 1) * length_s;
-    scenario.vehicles.push_back(
-        cut(id, {begin_s, begin_s + length_s}, odometry, path, detections, reference.poses, dropped));
+    scenario.vehicles.push_back(cut(id, cuts[id - 1], odometry, path, detections, reference.poses, dropped));
     scenario.duration_s = std::max(scenario.duration_s, scenario.vehicles.back().sensors.back().t_s);
   }
   scenario.source = fs::weakly_canonical(folder).filename().string() + "; detections left out: " + dropped.text();

@@ -23,7 +23,7 @@ namespace convoy::cli {
 ///   A hypothesis that is off by less goes unnoticed. Of landmarks there is no truth.
 /// - Priors: vehicle 1 starts at the origin of the common frame; the others where the reference says, displaced by a
 ///   draw of 11 m in x and in y and 0.15 rad, which is their sigma.
-/// Throws ConfigError with file:line if a file is missing, cut or malformed.
+/// Throws ConfigError with file:line if a file is missing, cut or malformed, or says nothing of one of the windows.
 Scenario<SE2> load_victoria_park(const std::filesystem::path& folder, std::uint64_t seed);
 
 }  // namespace convoy::cli

@@ -89,6 +89,24 @@ TEST(FrontEndRecord, QuantilesAreOfAllImagesAndTracksOfAllButTheFirst) {
   EXPECT_NEAR(m.at("track_length_mean").get<double>(), (5050.0 + 202.0) / 202.0, 1e-9);
 }
 
+TEST(FrontEndRecord, OfAFleetLengthsAndErrorsAreSummedUpFirst) {
+  const StraightDrive a(300.0, 1.01), b(100.0, 0.95);
+  const auto m = judge_front_ends({{a.frames, a.truth}, {b.frames, b.truth}, {}});
+  EXPECT_EQ(m.at("frames"), 402);
+  EXPECT_EQ(m.at("ms_max"), 300.0);
+  EXPECT_NEAR(m.at("drift_percent").get<double>(), (3.0 + 5.0) / 4.0, 1e-9);
+  EXPECT_NEAR(m.at("path_m").get<double>(), 303.0 + 95.0, 1e-9);
+  EXPECT_NEAR(m.at("exports_per_100m").get<double>(), 100.0 * (600 + 200) / (303.0 + 95.0), 1e-9);
+  EXPECT_EQ(m.at("drift_parts_100m"), 22);
+  EXPECT_TRUE(judge_front_ends({{}, {}}).is_null());
+}
+
+TEST(FrontEndRecord, APlanarPoseInSpaceTurnsAboutTheVertical) {
+  const SE2 a(1.0, 2.0, 0.7), b(-3.0, 0.5, -2.9);
+  EXPECT_LT((in_space(a) * in_space(b) * in_space(a * b).inverse()).Log().norm(), 1e-12);
+  EXPECT_EQ(in_space(a).translation(), Eigen::Vector3d(1.0, 2.0, 0.0));
+}
+
 TEST(FrontEndRecord, WhatDoesNotExistIsNull) {
   EXPECT_TRUE(judge_front_end({}, {}).is_null());
   const auto without_truth = judge_front_end(StraightDrive(50.0).frames, {});
@@ -107,6 +125,17 @@ TEST(FrontEndRecord, EachNewEpochIsALoss) {
   StraightDrive drive(30.0);
   for (std::size_t i = 10; i < drive.frames.size(); ++i) drive.frames[i].epoch = i < 20 ? 2 : 3;
   EXPECT_EQ(judge_front_end(drive.frames, drive.truth).at("lost_epochs"), 2);
+}
+
+TEST(FrontEndSection, OfAFleetShowsEachVehicle) {
+  const StraightDrive a(120.0, 1.01), b(150.0);
+  const nlohmann::json vehicles = {{{"id", 4}, {"front_end", judge_front_end(a.frames, a.truth)}},
+                                   {{"id", 7}, {"front_end", judge_front_end(b.frames, b.truth)}}};
+  const std::vector<FrontEndDrive> drives{{a.frames, a.truth}, {b.frames, b.truth}};
+  const std::string section = front_end_section(judge_front_ends(drives), vehicles, drives);
+  for (const char* words : {"<h2>Vehicle 4</h2>", "<h2>Vehicle 7</h2>", "off by 1.00 %", "off by 0.00 %"})
+    EXPECT_NE(section.find(words), std::string::npos) << words;
+  EXPECT_EQ(section.find("and heights"), std::string::npos) << "a planar fleet has none";
 }
 
 TEST(FrontEndSection, ShowsPathAndPicturesOfARecordingAndNoPathWithoutAnOdometer) {
