@@ -18,15 +18,9 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
+#ifdef CONVOY_HAS_VISION
 json front_end(const fs::path& run) { return read_json(run / "metrics.json").at("front_end"); }
 
-/// Without what differs from run to run: the time that it took.
-json without_times(json front_end) {
-  for (const char* key : {"ms_p50", "ms_p95", "ms_max"}) front_end.erase(key);
-  return front_end;
-}
-
-#ifdef CONVOY_HAS_VISION
 std::size_t pictures_in(const fs::path& run) {
   std::size_t count = 0;
   for (const auto& entry : fs::directory_iterator(run / "frames")) count += entry.path().extension() == ".png";
@@ -41,7 +35,13 @@ void expect_refusal(const std::string& arguments, const std::string& words) {
   EXPECT_NE(outcome.output.find(words), std::string::npos) << outcome.output;
 }
 
-#ifdef CONVOY_HAS_SIMULATOR
+#if defined(CONVOY_HAS_SIMULATOR) && defined(CONVOY_HAS_VISION)
+
+/// Without what differs from run to run: the time that it took.
+json without_times(json front_end) {
+  for (const char* key : {"ms_p50", "ms_p95", "ms_max"}) front_end.erase(key);
+  return front_end;
+}
 
 /// Fifteen seconds through the simulator's district, at 4 m/s.
 class SimulatedDrive : public ::testing::Test {
@@ -162,7 +162,7 @@ TEST(Replay, VictoriaParkIsAFleetThatComesToShareOneMap) {
   const json metrics = read_json(run / "metrics.json");
   const json& m = metrics.at("front_end");
   std::printf("%s\n", m.dump().c_str());
-  EXPECT_GE(m.at("frames"), 7000);
+  EXPECT_GE(m.at("frames"), 3600);
   EXPECT_GE(m.at("tracked_p50"), 3);
   EXPECT_GT(m.at("ms_p95"), 0.0);
   EXPECT_GE(m.at("ms_max"), m.at("ms_p95"));
@@ -173,7 +173,7 @@ TEST(Replay, VictoriaParkIsAFleetThatComesToShareOneMap) {
   EXPECT_EQ(metrics.at("facts_lost"), 0);
   EXPECT_EQ(metrics.at("associations").at("hypotheses_false"), 0);
   for (const json& vehicle : metrics.at("vehicles")) {
-    EXPECT_GE(vehicle.at("front_end").at("frames"), 2000);
+    EXPECT_GE(vehicle.at("front_end").at("frames"), 1000);
     EXPECT_EQ(vehicle.at("integrity"), "OK") << vehicle.at("id");
   }
   for (const char* words : {"<h2>Front ends</h2>", "<h2>Vehicle 3</h2>", "drift at the end"})
