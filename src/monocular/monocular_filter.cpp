@@ -146,8 +146,12 @@ FrameReport MonocularFilter::update(double stamp_s, double abscissa_m,
   const std::vector<std::size_t> inliers = select(matches, joint, report);
   report.inliers = static_cast<int>(inliers.size());
   note(matches, inliers, joint.S);
+  const SE3 predicted = state_.pose();
   if (!inliers.empty()) correct(matches, inliers, joint, report);
-  count_failure(report, seen.size());
+  const SE3 correction = predicted.inverse() * state_.pose();
+  const double path_m = std::max(step_.length_m, (step_.motion * correction).translation().norm());
+  report.contradicted = report.inliers >= params_.min_inliers && contradicts(correction, path_m);
+  count_failure(report, seen.size(), path_m);
   follow_candidates(seen);
   clone_if_due(stamp_s, abscissa_m, seen);
   report.started = start_landmarks();
@@ -233,17 +237,25 @@ void MonocularFilter::score_slip(const Matches& inliers, const Eigen::LLT<Matrix
   if (slip_monitor_.slips({score(0), score(5)})) slipping_ = params_.slip_window;
 }
 
-// An image with little in it says nothing, not even that something is wrong.
-void MonocularFilter::count_failure(const FrameReport& report, std::size_t observations) {
+// By a part of the way that no noise of an odometer explains, but a wheel that slips.
+bool MonocularFilter::contradicts(const SE3& correction, double path_m) const {
+  constexpr double share = 0.25, least_m = 0.05;
+  const SE3::Tangent off = correction.Log();
+  return std::abs(off[0]) > std::max(least_m, share * path_m) || std::abs(off[5]) > params_.slip_yaw_rad;
+}
+
+// An image with little in it says nothing, not even that something is wrong. Wheels slip for a moment: where more of
+// the way is doubtful than not, the filter follows one of two that contradict each other, and cannot know which. An
+// odometer that stands while the camera moves drives no way, but that of the images.
+void MonocularFilter::count_failure(const FrameReport& report, std::size_t observations, double path_m) {
   if (observations < static_cast<std::size_t>(params_.min_inliers)) return;
-  if (report.inliers >= params_.min_inliers && 4 * report.inliers >= report.matched) {
-    failing_ = 0;
-    failing_m_ = 0.0;
-    return;
-  }
-  ++counters_.failing_frames;
-  ++failing_;
-  failing_m_ += step_.length_m;
+  const bool fails = report.inliers < params_.min_inliers || 4 * report.inliers < report.matched;
+  const int change = fails || report.contradicted ? 1 : -1;
+  doubtful_.frames = std::max(0, doubtful_.frames + change);
+  doubtful_.path_m = std::max(0.0, doubtful_.path_m + change * path_m);
+  counters_.contradicted_frames += report.contradicted;
+  counters_.failing_frames += fails;
+  failing_ = fails ? Doubt{failing_.frames + 1, failing_.path_m + step_.length_m} : Doubt{};
 }
 
 }  // namespace convoy

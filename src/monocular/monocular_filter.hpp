@@ -36,11 +36,12 @@ struct FeaturePrediction {
 };
 
 struct FrameReport {
-  int matched = 0;          ///< landmarks that were observed
-  int inliers = 0;          ///< and used
-  int started = 0;          ///< new landmarks
-  bool standstill = false;  ///< nothing was used, since nothing has moved
-  bool slip = false;        ///< the step was made more uncertain
+  int matched = 0;            ///< landmarks that were observed
+  int inliers = 0;            ///< and used
+  int started = 0;            ///< new landmarks
+  bool standstill = false;    ///< nothing was used, since nothing has moved
+  bool slip = false;          ///< the step was made more uncertain
+  bool contradicted = false;  ///< what was seen makes the step another one than the odometer said, far beyond its noise
 };
 
 struct MonocularCounters {
@@ -57,7 +58,8 @@ struct MonocularCounters {
   std::uint64_t landmarks_unfit = 0;  ///< converged, but did not meet the freeze rule when they had to leave
   std::uint64_t standstill_frames = 0;
   std::uint64_t slip_frames = 0;
-  std::uint64_t failing_frames = 0;  ///< enough was seen, but too few landmarks agreed
+  std::uint64_t failing_frames = 0;       ///< enough was seen, but too few landmarks agreed
+  std::uint64_t contradicted_frames = 0;  ///< see FrameReport::contradicted
 };
 
 class MonocularFilter {
@@ -76,8 +78,14 @@ class MonocularFilter {
   std::vector<std::size_t> freezable(bool also_in_view, std::size_t most) const;
   /// These leave, and those that could have but do not meet the freeze rule; the current pose becomes the anchor.
   void freeze(double abscissa_m, const std::vector<std::size_t>& landmarks);
-  /// Images are there, but for long no landmarks in them that agree.
-  bool lost() const { return failing_ >= params_.lost_frames && failing_m_ >= params_.lost_length_m; }
+  /// Images are there, but for long no landmarks in them that agree, or none that agree with the odometer: wheels that
+  /// slip do not slip for so long.
+  bool lost() const {
+    const auto too_long = [this](const Doubt& d) {
+      return d.frames >= params_.lost_frames && d.path_m >= params_.lost_length_m;
+    };
+    return too_long(failing_) || too_long(doubtful_);
+  }
   std::size_t candidates() const { return candidates_.size(); }
   /// The track is a landmark or a candidate.
   bool follows(std::uint64_t track) const { return tracks_.count(track) > 0 || candidates_.count(track) > 0; }
@@ -102,6 +110,10 @@ class MonocularFilter {
     int unseen = 0;
     std::vector<ClonePixel> pixels;
   };
+  struct Doubt {
+    int frames = 0;
+    double path_m = 0.0;
+  };
   struct Match {
     std::size_t landmark = 0;
     Eigen::Vector2d innovation;
@@ -121,7 +133,8 @@ class MonocularFilter {
   void score_slip(const Matches& inliers, const Eigen::LLT<Eigen::MatrixXd>& S, const Eigen::VectorXd& innovation);
   void note(const Matches& matches, const std::vector<std::size_t>& inliers, const Eigen::MatrixXd& S);
   bool stands(const Matches& matches, const Eigen::MatrixXd& S) const;
-  void count_failure(const FrameReport& report, std::size_t observations);
+  bool contradicts(const SE3& correction, double path_m) const;
+  void count_failure(const FrameReport& report, std::size_t observations, double path_m);
   SE3::Tangent slip_variance() const;
 
   void follow_candidates(const std::vector<FeatureObservation>& observations);
@@ -153,8 +166,8 @@ class MonocularFilter {
   OdometryStep step_;  // since the last update
   double clone_abscissa_m_ = -1e9, trail_abscissa_m_ = 0.0;
   int slipping_ = 0;  // frames that the step is more uncertain for
-  int failing_ = 0;   // frames, and path, since the last one that went well
-  double failing_m_ = 0.0;
+  Doubt failing_;     // since the last frame that went well
+  Doubt doubtful_;    // failing and contradicted frames, less those that went well
   MonocularCounters counters_;
 };
 

@@ -2,6 +2,8 @@
 #include <convoy/vision/monocular_slam.hpp>
 #include <convoy/vision/patch_warp.hpp>
 
+#include <opencv2/core.hpp>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -155,8 +157,14 @@ void MonocularSlam::finish() {
   ekf_->finish();
 }
 
+bool MonocularSlam::lost() const {
+  return ekf_->lost() || (frozen_ >= params_.filter.lost_frames && frozen_m_ >= params_.filter.lost_length_m);
+}
+
 void MonocularSlam::restart() {
   ++counters_.restarts;
+  frozen_ = 0;
+  last_image_m_ = frozen_m_ = 0.0;
   tracks_.clear();
   ekf_.emplace(params_.filter, camera_, T_body_camera_);
   if (odometry_s_) ekf_->on_odometry(driven_s_, 0.0, 0.0);
@@ -164,10 +172,32 @@ void MonocularSlam::restart() {
 
 // ---- one image ----
 
+// A camera that hangs sends its last image again: it looks like wheels that slip, and is none. What has nothing in it,
+// in the dark or against the sun, looks the same though the camera is well.
+bool MonocularSlam::is_frozen(const WaitingImage& image) {
+  constexpr double least_m = 0.05;  // an encoder's tick comes when it comes
+  ekf_->on_time(image.stamp_s);
+  const double here_m = ekf_->state().abscissa_m;
+  const bool same = !last_image_.empty() && last_features_ >= static_cast<std::size_t>(params_.filter.min_inliers) &&
+                    cv::norm(image.grey, last_image_, cv::NORM_INF) == 0.0;
+  if (same && here_m > last_image_m_ + least_m) {
+    ++counters_.images_frozen;
+    ++frozen_;
+    frozen_m_ = here_m - last_image_m_;
+    return true;
+  }
+  frozen_ = 0;
+  frozen_m_ = 0.0;
+  last_image_m_ = here_m;
+  if (!same) image.grey.copyTo(last_image_);
+  return false;
+}
+
 void MonocularSlam::use_image(const WaitingImage& image) {
   const auto start = std::chrono::steady_clock::now();
   ImageReport report;
   report.stamp_s = image.stamp_s;
+  if (is_frozen(image)) return;
   if (pyramid_.set(image.grey) != ImagePyramid::Status::ok) {
     ++counters_.images_refused;
     return;
@@ -179,6 +209,7 @@ void MonocularSlam::use_image(const WaitingImage& image) {
   start_tracks(report);
   std::vector<FeatureObservation> observations;
   for (const TrackedFeature& f : report.features) observations.push_back({f.track, f.pixel});
+  last_features_ = report.features.size();
   if (const auto filtered = ekf_->update(image.stamp_s, observations)) report.filter = *filtered;
   forget_tracks();
   report.took_ms = milliseconds_since(start);

@@ -69,6 +69,7 @@ std::vector<NewTrack> find_new_tracks(const ImagePyramid& image, const std::vect
 struct MonocularSlamCounters {
   std::uint64_t images = 0;            ///< used
   std::uint64_t images_refused = 0;    ///< not grey, of another size, out of order, or too many waiting
+  std::uint64_t images_frozen = 0;     ///< the same as the one before, to the bit, though the vehicle moved: not used
   std::uint64_t odometry_refused = 0;  ///< not finite, or not after the reading before
   std::uint64_t tracks_started = 0;
   std::uint64_t descriptors = 0;  ///< landmarks that were described
@@ -96,8 +97,9 @@ class MonocularSlam final : public FrontEnd<SE3> {
   /// Closes the segment here and now, with whatever may leave: at the end of a run. Images that wait are used first.
   void finish();
 
-  /// Images are there and make no sense any more. What was exported stays right; go on with restart() and a new epoch.
-  bool lost() const { return ekf_->lost(); }
+  /// Images are there and make no sense any more, contradict the odometer for longer than wheels slip, or are frozen
+  /// for that long. What was exported stays right; go on with restart() and a new epoch.
+  bool lost() const;
   /// Begins anew at the identity: state() and the abscissa begin at zero, segments not yet taken are gone.
   void restart();
 
@@ -131,6 +133,7 @@ class MonocularSlam final : public FrontEnd<SE3> {
   void drive(const Reading& reading, double until_s);
   void use_images(double until_s);
   void use_image(const WaitingImage& image);
+  bool is_frozen(const WaitingImage& image);
   void seek(const std::vector<FeaturePrediction>& predictions, ImageReport& report);
   std::optional<PatchPrediction> expectation(const FeaturePrediction& prediction, const ReferencePatch& patch) const;
   void start_tracks(ImageReport& report);
@@ -151,6 +154,11 @@ class MonocularSlam final : public FrontEnd<SE3> {
   std::optional<double> odometry_s_;  // of the last reading
   double driven_s_ = 0.0;             // how far the filter is
   std::optional<double> image_s_;     // of the last that was accepted
+  cv::Mat last_image_;                // that was used: a copy, since its owner may write to it again
+  std::size_t last_features_ = 0;     // in it
+  double last_image_m_ = 0.0;         // abscissa where it was taken
+  int frozen_ = 0;                    // images since
+  double frozen_m_ = 0.0;             // and path
   MonocularSlamCounters counters_;
   ImageListener listener_;
 };

@@ -251,6 +251,21 @@ TEST(MonocularEkf, IsLostWhenImagesMakeNoSenseForLongAndNotWhenThereAreNone) {
   }
 }
 
+TEST(MonocularEkf, IsLostWhenTheOdometerIsContradictedForLong) {
+  test::MonocularWorldParams world;
+  world.length_m = 80.0;
+  world.slip = [](double t) { return t > 6.0 ? -1.0 : 1.0; };
+  test::MonocularWorld street(MonocularParams(), world, 10);
+  street.run();
+  const MonocularCounters& c = street.ekf().counters();
+  std::printf("lost after %.1f m, %llu frames contradicted, %llu failing\n", street.driven_m(),
+              static_cast<unsigned long long>(c.contradicted_frames),
+              static_cast<unsigned long long>(c.failing_frames));
+  EXPECT_TRUE(street.ekf().lost());
+  EXPECT_LT(street.driven_m(), 55.0);
+  EXPECT_LT(c.failing_frames, 25U) << "it was the contradiction";
+}
+
 TEST(MonocularEkf, ADescriptionGoesWithItsLandmark) {
   test::MonocularWorldParams world;
   world.length_m = 60.0;

@@ -81,7 +81,7 @@ class Drive {
       t_s += odometry_s;
       x_m += speed * odometry_s;
       const double noise_m = speed == 0.0 ? 0.0 : 0.0005 * std::normal_distribution<>()(random_);
-      slam.on_odometry(t_s, speed * odometry_s + noise_m, 0.001 * std::normal_distribution<>()(random_));
+      slam.on_odometry(t_s, odometer * (speed * odometry_s + noise_m), 0.001 * std::normal_distribution<>()(random_));
     }
     if (!dropped) {
       const cv::Mat image = test::exposed(street().seen_from(truth() * mounted()), 1.0, 1.0, 2.0, ++seed_);
@@ -104,6 +104,7 @@ class Drive {
   std::vector<ImageReport> reports;
   std::vector<Segment<SE3>> segments;
   double t_s = 0.0, x_m = 0.0;
+  double odometer = 1.0;  ///< what it says, of what it should say
 
  private:
   std::mt19937_64 random_{5};
@@ -249,6 +250,103 @@ TEST(MonocularSlam, ImagesThatMakeNoSenseLoseItAndItBeginsAnew) {
   const double restarted_m = drive.x_m;
   for (int i = 0; i < 30; ++i) drive.step();
   EXPECT_NEAR(drive.slam.state().pose.translation().x(), drive.x_m - restarted_m, 0.1);
+}
+
+TEST(MonocularSlam, AFrozenImageIsADroppedOneAndLosesItAfterTheUsualLimit) {
+  Drive drive;
+  cv::Mat stuck;
+  const auto frozen = [&](const cv::Mat& image) {
+    if (stuck.empty()) stuck = image.clone();
+    return stuck;
+  };
+  for (int i = 0; i < 30; ++i) drive.step();
+  for (int i = 0; i < 31; ++i) drive.step(4.0, frozen);
+  EXPECT_FALSE(drive.slam.lost());
+  EXPECT_EQ(drive.slam.counters().images_frozen, 30U);
+  EXPECT_EQ(drive.slam.counters().images, 31U);
+  EXPECT_LT(drive.error_m(), 0.02 * drive.x_m) << "the odometer goes on alone";
+  for (int i = 0; i < 35 && !drive.slam.lost(); ++i) drive.step(4.0, frozen);
+  ASSERT_TRUE(drive.slam.lost());
+  EXPECT_LT(drive.error_m(), 0.02 * drive.x_m);
+  drive.slam.restart();
+  EXPECT_FALSE(drive.slam.lost());
+  const double restarted_m = drive.x_m;
+  for (int i = 0; i < 10; ++i) drive.step(4.0, frozen);
+  EXPECT_EQ(drive.reports.size(), 31U) << "frozen still";
+  for (int i = 0; i < 30; ++i) drive.step();
+  EXPECT_EQ(drive.reports.size(), 61U);
+  EXPECT_NEAR(drive.slam.state().pose.translation().x(), drive.x_m - restarted_m, 0.2);
+  EXPECT_FALSE(drive.slam.lost());
+}
+
+TEST(MonocularSlam, TheSameImageWhileItStandsIsNoFault) {
+  Drive drive;
+  for (int i = 0; i < 20; ++i) drive.step();
+  cv::Mat stuck;
+  for (int i = 0; i < 40; ++i)
+    drive.step(0.0, [&](const cv::Mat& image) {
+      if (stuck.empty()) stuck = image.clone();
+      return stuck;
+    });
+  for (int i = 0; i < 20; ++i) drive.step();
+  EXPECT_EQ(drive.slam.counters().images_frozen, 0U);
+  EXPECT_EQ(drive.slam.counters().images, 80U);
+  EXPECT_LT(drive.error_m(), 0.01 * drive.x_m);
+}
+
+/// Drives until it is lost, 40 m at most. [m]
+double lost_after(Drive& drive, double speed, const std::function<cv::Mat(const cv::Mat&)>& change = {}) {
+  const double from_m = drive.x_m;
+  while (!drive.slam.lost() && drive.x_m < from_m + 40.0) drive.step(speed, change);
+  return drive.x_m - from_m;
+}
+
+TEST(MonocularSlam, AReversedOdometerLosesIt) {
+  for (const double speed : {1.0, 4.0}) {
+    Drive drive;
+    for (int i = 0; i < 40; ++i) drive.step();
+    drive.odometer = -1.0;
+    const double after_m = lost_after(drive, speed);
+    const MonocularCounters& c = drive.slam.filter().counters();
+    std::printf("%.1f m/s: lost after %.1f m, %llu frames contradicted, %llu failing, %llu slipping, off by %.2f m\n",
+                speed, after_m, static_cast<unsigned long long>(c.contradicted_frames),
+                static_cast<unsigned long long>(c.failing_frames), static_cast<unsigned long long>(c.slip_frames),
+                drive.error_m());
+    EXPECT_TRUE(drive.slam.lost()) << speed;
+    EXPECT_LT(after_m, 25.0) << speed;
+  }
+}
+
+TEST(MonocularSlam, ASceneThatStandsWhileTheWheelsTurnLosesIt) {
+  Drive drive;
+  for (int i = 0; i < 40; ++i) drive.step();
+  const cv::Mat scene = street().seen_from(drive.truth() * mounted());
+  std::uint64_t seed = 1000;
+  const double after_m =
+      lost_after(drive, 4.0, [&](const cv::Mat&) { return test::exposed(scene, 1.0, 1.0, 2.0, ++seed); });
+  EXPECT_TRUE(drive.slam.lost());
+  const MonocularCounters& c = drive.slam.filter().counters();
+  std::printf("lost after %.1f m, %llu frames contradicted, %llu failing\n", after_m,
+              static_cast<unsigned long long>(c.contradicted_frames),
+              static_cast<unsigned long long>(c.failing_frames));
+  EXPECT_LT(c.failing_frames, 25U) << "it was the contradiction";
+  EXPECT_EQ(drive.slam.counters().images_frozen, 0U) << "no two of them are the same";
+  EXPECT_LT(after_m, 25.0);
+}
+
+TEST(MonocularSlam, WheelsThatSlipForASecondDoNot) {
+  for (const double says : {0.8, 1.25}) {
+    Drive drive;
+    for (int i = 0; i < 120; ++i) {
+      drive.odometer = i % 40 >= 30 ? says : 1.0;
+      drive.step();
+      ASSERT_FALSE(drive.slam.lost()) << i;
+    }
+    std::printf("slip %.2f: %llu slip frames, %llu contradicted, off by %.2f m\n", says,
+                static_cast<unsigned long long>(drive.slam.filter().counters().slip_frames),
+                static_cast<unsigned long long>(drive.slam.filter().counters().contradicted_frames), drive.error_m());
+    EXPECT_LT(drive.error_m(), 0.05 * drive.x_m) << says;
+  }
 }
 
 TEST(MonocularSlam, ParametersOutOfRangeAreNamed) {
