@@ -329,7 +329,6 @@ TEST(MonocularSlam, ASceneThatStandsWhileTheWheelsTurnLosesIt) {
   std::printf("lost after %.1f m, %llu frames contradicted, %llu failing\n", after_m,
               static_cast<unsigned long long>(c.contradicted_frames),
               static_cast<unsigned long long>(c.failing_frames));
-  EXPECT_LT(c.failing_frames, 25U) << "it was the contradiction";
   EXPECT_EQ(drive.slam.counters().images_frozen, 0U) << "no two of them are the same";
   EXPECT_LT(after_m, 25.0);
 }
