@@ -90,14 +90,14 @@ TEST(FrontEndRecord, QuantilesAreOfAllImagesAndTracksOfAllButTheFirst) {
 }
 
 TEST(FrontEndRecord, OfAFleetLengthsAndErrorsAreSummedUpFirst) {
-  const StraightDrive a(300.0, 1.01), b(100.0, 0.95);
+  const StraightDrive a(305.0, 1.01), b(105.0, 0.95);
   const auto m = judge_front_ends({{a.frames, a.truth}, {b.frames, b.truth}, {}});
-  EXPECT_EQ(m.at("frames"), 402);
-  EXPECT_EQ(m.at("ms_max"), 300.0);
-  EXPECT_NEAR(m.at("drift_percent").get<double>(), (3.0 + 5.0) / 4.0, 1e-9);
-  EXPECT_NEAR(m.at("path_m").get<double>(), 303.0 + 95.0, 1e-9);
-  EXPECT_NEAR(m.at("exports_per_100m").get<double>(), 100.0 * (600 + 200) / (303.0 + 95.0), 1e-9);
-  EXPECT_EQ(m.at("drift_parts_100m"), 22);
+  EXPECT_EQ(m.at("frames"), 412);
+  EXPECT_EQ(m.at("ms_max"), 305.0);
+  EXPECT_NEAR(m.at("drift_percent").get<double>(), (3.05 + 5.25) / 4.1, 1e-9);
+  EXPECT_NEAR(m.at("path_m").get<double>(), 308.05 + 99.75, 1e-9);
+  EXPECT_NEAR(m.at("exports_per_100m").get<double>(), 100.0 * (610 + 210) / (308.05 + 99.75), 1e-9);
+  EXPECT_EQ(m.at("drift_parts_100m"), 21 + 1);  // beginning at 0 m, 10 m, ... 200 m, and at 0 m
   EXPECT_TRUE(judge_front_ends({{}, {}}).is_null());
 }
 
