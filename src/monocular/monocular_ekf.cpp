@@ -90,19 +90,15 @@ void MonocularEkf::apply_step() { filter_.move(std::exchange(step_, {})); }
 // Between frames only if no image has come for so long.
 void MonocularEkf::close_segment_if_due(bool at_frame) {
   const double length = abscissa_m_ - anchor_abscissa_m_;
-  if (length >= params_.max_segment_length_m) return close_segment(filter_.freezable(false, most_exports()));
+  if (length >= params_.max_segment_length_m) return close_segment(filter_.freezable(false));
   if (!at_frame || length < params_.segment_length_m) return;
-  const std::vector<std::size_t> frozen = filter_.freezable(false, most_exports());
+  const std::vector<std::size_t> frozen = filter_.freezable(false);
   if (static_cast<int>(frozen.size()) >= params_.min_batch) close_segment(frozen);
 }
 
 void MonocularEkf::finish() {
   apply_step();
-  close_segment(filter_.freezable(true, most_exports()));
-}
-
-std::size_t MonocularEkf::most_exports() const {
-  return static_cast<std::size_t>(std::ceil(params_.max_exports_per_m * (abscissa_m_ - anchor_abscissa_m_)));
+  close_segment(filter_.freezable(true));
 }
 
 void MonocularEkf::close_segment(const std::vector<std::size_t>& frozen) {

@@ -58,7 +58,6 @@ class MonocularEkf final : public FrontEnd<SE3> {
   void apply_step();
   void close_segment_if_due(bool at_frame);
   void close_segment(const std::vector<std::size_t>& frozen);
-  std::size_t most_exports() const;  // of this segment
   FrontEndState<SE3> state_of(double stamp_s, double abscissa_m, const SE3& pose, const SE3::Covariance& P) const;
 
   MonocularParams params_;

@@ -73,9 +73,8 @@ class MonocularFilter {
   FrameReport update(double stamp_s, double abscissa_m, const std::vector<FeatureObservation>& observations);
 
   const MonocularState& state() const { return state_; }
-  /// Landmarks that may leave, ascending; all, or only those that are out of view. Of more than `most`, those known
-  /// best.
-  std::vector<std::size_t> freezable(bool also_in_view, std::size_t most) const;
+  /// Landmarks that may leave; all, or only those that are out of view.
+  std::vector<std::size_t> freezable(bool also_in_view) const;
   /// These leave, and those that could have but do not meet the freeze rule; the current pose becomes the anchor.
   void freeze(double abscissa_m, const std::vector<std::size_t>& landmarks);
   /// Images are there, but for long no landmarks in them that agree, or none that agree with the odometer: wheels that
@@ -149,8 +148,7 @@ class MonocularFilter {
   void tidy();
   bool converges(std::size_t landmark) const;
   double linearity(std::size_t landmark) const;
-  /// If it may leave: the largest axis of its covariance relative to here [m].
-  std::optional<double> sigma_to_freeze(std::size_t landmark) const;
+  bool may_freeze(std::size_t landmark) const;
   void drop_landmarks(const std::vector<std::size_t>& landmarks);
   void drop_clones();
   SE3 camera_pose() const { return state_.pose() * state_.T_body_camera(); }

@@ -70,11 +70,11 @@ void MonocularFilter::drop_clones() {
 
 // ---- freezing ----
 
-std::optional<double> MonocularFilter::sigma_to_freeze(std::size_t i) const {
-  if (!converges(i)) return {};
+bool MonocularFilter::may_freeze(std::size_t i) const {
+  if (!converges(i)) return false;
   const Track& track = tracks_.at(state_.landmarks()[i].id);
-  if (track.confirmations < params_.min_confirmations || track.all_rejections > track.confirmations) return {};
-  if (track.rejections > 1) return {};  // it left while it did not fit
+  if (track.confirmations < params_.min_confirmations || track.all_rejections > track.confirmations) return false;
+  if (track.rejections > 1) return false;  // it left while it did not fit
   const auto n = static_cast<double>(track.innovations.size());
   double nis = 0.0;
   Vector2d sum = Vector2d::Zero();
@@ -82,24 +82,18 @@ std::optional<double> MonocularFilter::sigma_to_freeze(std::size_t i) const {
     nis += w.squaredNorm();
     sum += w;
   }
-  if (n > 0.0 && nis > chi2_quantile(params_.nis_confidence, 2.0 * n)) return {};
-  if (n > 0.0 && sum.squaredNorm() / n > chi2_quantile(params_.nis_confidence, 2.0)) return {};
-  const double sigma_m = std::sqrt(eigenvalues(state_.relative_covariance({i})).maxCoeff());
-  return sigma_m <= params_.max_sigma_m ? std::optional(sigma_m) : std::nullopt;
+  if (n > 0.0 && nis > chi2_quantile(params_.nis_confidence, 2.0 * n)) return false;
+  if (n > 0.0 && sum.squaredNorm() / n > chi2_quantile(params_.nis_confidence, 2.0)) return false;
+  const Matrix3d P = state_.relative_covariance({i});
+  return eigenvalues(P).maxCoeff() <= params_.max_sigma_m * params_.max_sigma_m;
 }
 
-std::vector<std::size_t> MonocularFilter::freezable(bool also_in_view, std::size_t most) const {
-  std::vector<std::pair<double, std::size_t>> known;  // how well, and which
+std::vector<std::size_t> MonocularFilter::freezable(bool also_in_view) const {
+  std::vector<std::size_t> landmarks;
   for (std::size_t i = 0; i < state_.landmarks().size(); ++i) {
     const bool left = tracks_.at(state_.landmarks()[i].id).unseen >= params_.frozen_after_frames;
-    if (!also_in_view && !left) continue;
-    if (const auto sigma_m = sigma_to_freeze(i)) known.emplace_back(*sigma_m, i);
+    if ((also_in_view || left) && may_freeze(i)) landmarks.push_back(i);
   }
-  std::sort(known.begin(), known.end());
-  if (known.size() > most) known.resize(most);
-  std::vector<std::size_t> landmarks;
-  for (const auto& [sigma_m, i] : known) landmarks.push_back(i);
-  std::sort(landmarks.begin(), landmarks.end());
   return landmarks;
 }
 

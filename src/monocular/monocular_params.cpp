@@ -29,7 +29,6 @@ MonocularParams street_params() {
   p.sigma_scale = 0.002;
   p.sigma_vertical_per_sqrt_m = 0.02;
   p.sigma_tilt_per_sqrt_m = 0.01;
-  p.max_exports_per_m = 1.65;
   return p;
 }
 
@@ -51,7 +50,6 @@ void validate(const MonocularParams& p) {
   above_0("sigma_pixel", p.sigma_pixel);
   above_0("max_landmark_distance_m", p.max_landmark_distance_m);
   above_0("max_sigma_m", p.max_sigma_m);
-  above_0("max_exports_per_m", p.max_exports_per_m);
   above_0("segment_length_m", p.segment_length_m);
   require(p.max_segment_length_m >= p.segment_length_m, "max_segment_length_m", p.max_segment_length_m,
           "be segment_length_m or more");

@@ -60,8 +60,6 @@ struct MonocularParams {
   double nis_confidence = 0.99;  ///< its last innovations lie within this chi-square bound, their sum too
   int nis_window = 10;
   int frozen_after_frames = 3;  ///< not seen for so many frames: it has left the view
-  /// Landmarks that a segment exports, per metre of it, > 0: those known best. The others are no facts.
-  double max_exports_per_m = 10.0;
 
   // Segments.
   double segment_length_m = 20.0;      ///< a segment closes at the first frame after this length with ...
@@ -73,7 +71,7 @@ struct MonocularParams {
 /// What differs from MonocularParams where pixels come from active search and a car with encoders on its wheels drives
 /// on a street: patches are found to half a pixel; the odometer's distance is calibrated to 0.2 %, so that what warped
 /// patches err by in common does not become scale; the tilt of a street changes for metres in one sense, which white
-/// noise must cover; and of what a street shows, the best half is enough to be found by.
+/// noise must cover.
 MonocularParams street_params();
 
 /// Throws ConfigError when a value is out of its range.

@@ -81,17 +81,6 @@ TEST(MonocularEkf, IsConsistentAccurateAndExportsEnough) {
   EXPECT_GT(r.exports_per_100m(), 150.0);
 }
 
-// Which are facts is chosen by what is known of them; what is said of those is as true as of all.
-TEST(MonocularEkf, ExportsTheBestKnownWhereItMayNotExportAll) {
-  MonocularParams params = calibrated();
-  params.max_exports_per_m = 1.0;
-  const test::MonteCarlo r = street("100 exports per 100 m", {}, params, 2);
-  expect_consistent(r);
-  EXPECT_LT(r.drift_percent(), 0.4);
-  EXPECT_GT(r.exports_per_100m(), 90.0);
-  EXPECT_LT(r.exports_per_100m(), 106.0);  // of each segment's length, the last one too, rounded up
-}
-
 TEST(MonocularEkf, EnduresOutliersOfATenthToTwoFifths) {
   for (const double share : {0.1, 0.4}) {
     test::MonocularWorldParams world;
