@@ -82,7 +82,8 @@ TEST(DriftCorrelation, IsNotAlarmedByAScaleErrorThatTheChainStates) {
       (stated < 0.005 ? too_little : alarms) += drift_correlation(d.store, d.selection, chain_of(1)).alarm();
     }
   }
-  std::printf("  %d of 40 alarms for a scale error of 1 %% if 1 %% is stated, %d of 40 if 0.1 %% is\n", alarms, too_little);
+  std::printf("  %d of 40 alarms for a scale error of 1 %% if 1 %% is stated, %d of 40 if 0.1 %% is\n", alarms,
+              too_little);
   EXPECT_LE(alarms, 3);
   EXPECT_GE(too_little, 20);
 }
