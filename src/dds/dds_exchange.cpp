@@ -314,7 +314,7 @@ struct DdsExchange<G>::Impl {
   std::atomic<std::uint64_t> taken{0};
   std::atomic<std::uint64_t> rejected{0};
   std::atomic<std::uint64_t> refused_to_wire{0};
-  v1::Answer said_again;  // facts that go out together, of one sender
+  v1::Answer said_again;  // facts that go out together, of one sender; the sending thread's
 
   // Last, so that they are gone before anything they use.
   Channel<G, v1::BiasPubSubType> bias{entities.domain(), "convoy/v1/Bias", inbox, peers};
@@ -366,13 +366,17 @@ SendStatus DdsExchange<G>::send(const Message<G>& message) {
 template <class G>
 SendStatus DdsExchange<G>::send_together(std::span<const Message<G>> messages) {
   SendStatus status = SendStatus::sent;
+  std::uint64_t sent = 0, said_again = 0;  // what is said again is sent with the answer that it is in
+  impl_->said_again.facts().clear();       // of a call that was broken off
   for (const Message<G>& message : messages) {
     const SendStatus of_this =
         std::visit([&](const auto& payload) { return impl_->write(message, payload); }, message.payload);
-    impl_->sent += of_this == SendStatus::sent;
+    (message.repeated ? said_again : sent) += of_this == SendStatus::sent;
     status = of_both(status, of_this);
+    if (status == SendStatus::rejected) break;
   }
-  status = of_both(status, impl_->write_answer());
+  if (status != SendStatus::rejected) status = of_both(status, impl_->write_answer());
+  impl_->sent += status == SendStatus::rejected ? sent : sent + said_again;
   impl_->rejected += status == SendStatus::rejected;
   return status;
 }

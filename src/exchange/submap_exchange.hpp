@@ -20,9 +20,9 @@ enum class SendStatus : std::uint8_t {
   unfit,     ///< the network cannot carry this, now or ever: to send it again is of no use
 };
 
-/// Of two messages that go together: what was refused for now goes before what is unfit.
+/// Of two messages that go together: what may go another time is told before what is unfit.
 inline SendStatus of_both(SendStatus a, SendStatus b) {
-  return b == SendStatus::rejected || a == SendStatus::sent ? b : a;
+  return a == SendStatus::sent || (a == SendStatus::unfit && b != SendStatus::sent) ? b : a;
 }
 
 /// Counters of one exchange, all since it was opened.

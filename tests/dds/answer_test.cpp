@@ -1,6 +1,7 @@
 // Facts that are said again because they were asked for.
 #include <convoy/dds/convert.hpp>
 #include <convoy/dds/guarded_type.hpp>
+#include <convoy/dds/impaired_transport.hpp>
 #include <convoy/submap/rounding.hpp>
 
 #include "../support/exchange_contract.hpp"
@@ -112,6 +113,48 @@ TEST(Answer, AFactThatDoesNotFitTheWireTakesNoOtherWithIt) {
   EXPECT_EQ(a.dds_counters().refused_to_wire, 1U);
   EXPECT_EQ(a.counters().messages_sent, messages.size() - 1);
   EXPECT_EQ(collect(b, messages.size() - 1).size(), messages.size() - 1);
+}
+
+// A watchdog takes for mute who has something to send and sends nothing.
+TEST(Answer, ThatTheNetworkDoesNotTakeIsNotSent) {
+  const std::string writer = R"(<data_writer profile_name="convoy/requests">
+    <topic>
+      <historyQos>
+        <kind>KEEP_ALL</kind>
+      </historyQos>
+      <resourceLimitsQos>
+        )";
+  const ChangedProfile short_memory(writer + R"(<max_samples>0</max_samples>
+        <max_instances>0</max_instances>
+        <max_samples_per_instance>0<)",
+                                    writer + R"(<max_samples>16</max_samples>
+        <max_instances>1</max_instances>
+        <max_samples_per_instance>16<)");
+  DdsConfig config = config_of_this_test();
+  config.vehicle = 2;
+  DdsExchange<SE2> b(config);
+  config.vehicle = 1;
+  config.profile_file = short_memory.path;
+  const auto network = impair(config, Impairments{});
+  DdsExchange<SE2> a(config);
+  ASSERT_TRUE(all_connected({&a, &b}));
+  network->block(2);  // nobody acknowledges any more
+  std::vector<Message<SE2>> go = one_of_each_kind();
+  std::uint64_t sent = 0;
+  for (int tries = 0; a.send_together(go) == SendStatus::sent; ++tries) {
+    ASSERT_LT(tries, 100) << "its history is never full";
+    sent += go.size();
+    EXPECT_EQ(a.counters().messages_sent, sent);
+  }
+  EXPECT_EQ(a.counters().messages_sent, sent);
+  EXPECT_EQ(a.counters().send_rejected, 1U);
+  EXPECT_EQ(a.send_together(go), SendStatus::rejected);
+  EXPECT_EQ(a.counters().messages_sent, sent);
+  go = {go.front()};  // and what was refused does not go with what comes next
+  network->unblock(2);
+  ASSERT_TRUE(eventually([&] { return a.send_together(go) == SendStatus::sent; }));
+  EXPECT_EQ(a.counters().messages_sent, sent + 1);
+  EXPECT_EQ(collect(b, sent + 1).size(), sent + 1);
 }
 
 v1::RepeatedFact repeated_anchor(std::uint32_t index) {

@@ -37,6 +37,18 @@ DdsConfig config_of_this_test() {
   return config;
 }
 
+ChangedProfile::ChangedProfile(const std::string& from, const std::string& to)
+    : path(::testing::TempDir() + "convoy_profile_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() +
+           ".xml") {
+  std::ostringstream all;
+  all << std::ifstream(loopback_profile()).rdbuf();
+  std::string text = all.str();
+  const auto at = text.find(from);
+  if (at == std::string::npos) throw std::logic_error("the loopback profile has no " + from);
+  std::ofstream(path) << text.replace(at, from.size(), to);
+}
+ChangedProfile::~ChangedProfile() { std::filesystem::remove(path); }
+
 bool eventually(const std::function<bool()>& done, double timeout_s) {
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::duration<double>(timeout_s);
   while (!done()) {

@@ -28,6 +28,13 @@ std::string loopback_profile();
 
 DdsConfig config_of_this_test();
 
+/// The loopback profile with one text replaced by another, in a file of its own.
+struct ChangedProfile {
+  ChangedProfile(const std::string& from, const std::string& to);
+  ~ChangedProfile();
+  std::string path;
+};
+
 /// Calls `done` whenever something may have changed, until it says true or the deadline has passed.
 bool eventually(const std::function<bool()>& done, double timeout_s = deadline_s);
 

@@ -18,26 +18,6 @@ namespace {
 namespace edds = eprosima::fastdds::dds;
 using ::testing::HasSubstr;
 
-std::string text_of(const std::string& path) {
-  std::ostringstream text;
-  text << std::ifstream(path).rdbuf();
-  return text.str();
-}
-
-/// The loopback profile with one text replaced by another, in a file of its own.
-class ChangedProfile {
- public:
-  ChangedProfile(const std::string& from, const std::string& to) {
-    std::string text = text_of(loopback_profile());
-    const auto at = text.find(from);
-    if (at == std::string::npos) throw std::logic_error("the loopback profile has no " + from);
-    std::ofstream(path) << text.replace(at, from.size(), to);
-  }
-  ~ChangedProfile() { std::filesystem::remove(path); }
-  std::string path = ::testing::TempDir() + "convoy_profile_" +
-                     ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".xml";
-};
-
 std::string refusal_after(const std::string& from, const std::string& to) {
   const ChangedProfile changed(from, to);
   DdsConfig config = config_of_this_test();
