@@ -27,6 +27,13 @@ CONVOY_TYPE_OF(Encounter, ENCOUNTER);
 CONVOY_TYPE_OF(Waypoint, WAYPOINT);
 #undef CONVOY_TYPE_OF
 
+/// Made once: its constructor walks all that the type may hold, and what is used here keeps no state.
+template <class Sample>
+GuardedType<typename TypeOf<Sample>::PubSubType>& type_of() {
+  static GuardedType<typename TypeOf<Sample>::PubSubType> type;
+  return type;
+}
+
 /// A payload of bytes that stay somebody else's.
 class Borrowed {
  public:
@@ -44,7 +51,7 @@ template <class Sample, class G>
 WireStatus open(const v1::RepeatedFact& fact, Message<G>& message) {
   Borrowed bytes(fact.sample());
   Guarded<Sample> inner;
-  GuardedType<typename TypeOf<Sample>::PubSubType>().deserialize(&bytes.payload, &inner);
+  type_of<Sample>().deserialize(&bytes.payload, &inner);
   if (inner.decoding != Decoding::ok) return WireStatus::bad_answer;
   const WireStatus status = from_wire(inner.sample, message);
   message.repeated = true;
@@ -78,7 +85,7 @@ std::size_t size_of(const v1::Answer& answer) {
 
 template <class Sample>
 WireStatus to_repeated(Sample& sample, v1::RepeatedFact& fact) {
-  GuardedType<typename TypeOf<Sample>::PubSubType> type;
+  auto& type = type_of<Sample>();
   SerializedPayload_t payload(type.getSerializedSizeProvider(&sample)());
   if (!type.serialize(&sample, &payload) || payload.length > bounds::repeated_bytes) return WireStatus::too_many;
   fact.kind(TypeOf<Sample>::kind);
@@ -101,6 +108,8 @@ void append(v1::Answer& answer, const ChainId& sender, v1::RepeatedFact fact) {
 template <class G>
 WireStatus from_wire(const v1::Answer& answer, std::vector<Message<G>>& messages) {
   if (answer.facts().empty()) return WireStatus::bad_answer;
+  if (answer.facts().size() > 1 && size_of(answer) > max_sample_bytes) return WireStatus::too_many;
+  messages.reserve(answer.facts().size());
   const ChainId sender{answer.vehicle(), answer.epoch()};
   for (const v1::RepeatedFact& fact : answer.facts()) {
     const WireStatus status = open(fact, messages.emplace_back());

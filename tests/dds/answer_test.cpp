@@ -179,8 +179,11 @@ TEST(Answer, IsNoLargerThanAFrameAndOfOneSender) {
   EXPECT_GT(index, 3U);
   GuardedType<v1::AnswerPubSubType> type;
   EXPECT_LE(type.getSerializedSizeProvider(&answer)(), max_sample_bytes);
+  std::vector<Message<SE2>> messages;
+  EXPECT_EQ(from_wire(answer, messages), WireStatus::ok);
   append(answer, sender, repeated_anchor(index));
   EXPECT_GT(type.getSerializedSizeProvider(&answer)(), max_sample_bytes) << "there was room";
+  EXPECT_EQ(from_wire(answer, messages), WireStatus::too_many) << "whoever sends this is none of us";
   answer = some_answer();
   EXPECT_TRUE(has_room(answer, sender, repeated_anchor(0)));
   EXPECT_FALSE(has_room(answer, {sender.vehicle, sender.epoch + 1}, repeated_anchor(0)));
