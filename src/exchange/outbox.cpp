@@ -19,11 +19,13 @@ struct IsLandmarks : std::false_type {};
 template <class G>
 struct IsLandmarks<LandmarkBatch<G>> : std::true_type {};
 
-/// How many landmarks take about as many bytes: an anchor as many as four, what a batch has in common three.
+/// How many landmarks take about as many bytes: an anchor as many as four, what a batch has in common three, seven
+/// pairings one.
 template <class G>
 std::size_t size_in_landmarks(const Message<G>& message) {
-  const auto* batch = std::get_if<LandmarkBatch<G>>(&message.payload);
-  return batch != nullptr ? 3 + batch->landmarks.size() : 4;
+  if (const auto* batch = std::get_if<LandmarkBatch<G>>(&message.payload)) return 3 + batch->landmarks.size();
+  const auto* association = std::get_if<AssociationFact>(&message.payload);
+  return 4 + (association != nullptr ? association->pairings.size() / 7 : 0);
 }
 
 }  // namespace
@@ -48,7 +50,7 @@ Outbox<G>::Outbox(const BudgetParams& params)
 template <class G>
 auto Outbox<G>::place_of(const ChainId& sender, FactKind kind, const Key& key) -> Facts& {
   std::uint32_t& next = next_news_[static_cast<std::size_t>(kind)];
-  const bool fresh = returns_news_ || (key.chain == sender && key.index >= next);
+  const bool fresh = returning_ ? news_were_last_ : key.chain == sender && key.index >= next;
   if (key.chain == sender) next = std::max(next, key.index + 1);
   return fresh ? news_ : repeats_;
 }
@@ -72,7 +74,10 @@ template <class G>
 template <class Fact>
 bool Outbox<G>::put_fact(const ChainId& sender, const Fact& fact) {
   const std::uint64_t dropped = counters_.dropped;
-  if (note(kind_of<Fact>, fact.key)) place_of(sender, kind_of<Fact>, fact.key).others.push_back({sender, fact});
+  if (note(kind_of<Fact>, fact.key)) {
+    auto& queue = place_of(sender, kind_of<Fact>, fact.key).others;
+    queue.insert(returning_ ? queue.begin() : queue.end(), {sender, fact});
+  }
   return counters_.dropped == dropped;
 }
 
@@ -126,7 +131,7 @@ std::optional<std::uint64_t> Outbox<G>::repeats_waiting() const {
 
 template <class G>
 void Outbox<G>::put_back(std::vector<Message<G>> messages) {
-  for (Message<G>& message : messages) put_back(std::move(message));
+  for (auto message = messages.rbegin(); message != messages.rend(); ++message) put_back(std::move(*message));
 }
 
 template <class G>
@@ -137,9 +142,9 @@ void Outbox<G>::put_back(Message<G> message) {
     ++counters_.replaced;
     return;
   }
-  returns_news_ = last_ == facts && news_were_last_;
+  returning_ = true;
   put(std::move(message));
-  returns_news_ = false;
+  returning_ = false;
 }
 
 template <class G>
@@ -224,13 +229,18 @@ Message<G> Outbox<G>::take_control() {
   return digest_was_last_ ? hand_over(digest_) : pop(requests_);
 }
 
+// News go singly, so that what is refused is no more than what goes again.
 template <class G>
 std::vector<Message<G>> Outbox<G>::take_facts() {
-  news_were_last_ = !news_.empty() && (repeats_.empty() || !news_were_last_);
+  const bool both_wait = !news_.empty() && !repeats_.empty();
+  news_were_last_ = !news_.empty() && (!both_wait || news_ahead_ <= 0);
   Facts& from = news_were_last_ ? news_ : repeats_;
+  const std::size_t limit = news_were_last_ ? 1 : params_.batch_limit;
   std::vector<Message<G>> messages;
-  for (std::size_t size = 0; !from.empty() && size < params_.batch_limit; size += size_in_landmarks(messages.back()))
-    messages.push_back(take_fact(from));
+  std::size_t size = 0;
+  for (; !from.empty() && size < limit; size += size_in_landmarks(messages.back())) messages.push_back(take_fact(from));
+  const auto taken = static_cast<std::int64_t>(size);
+  news_ahead_ = both_wait ? news_ahead_ + (news_were_last_ ? taken : -taken) : 0;
   return messages;
 }
 

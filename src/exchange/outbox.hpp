@@ -6,6 +6,7 @@
 #include <convoy/exchange/submap_exchange.hpp>
 
 #include <array>
+#include <cstdint>
 #include <deque>
 #include <map>
 #include <optional>
@@ -17,7 +18,7 @@ namespace convoy {
 struct BudgetParams {
   double bytes_per_s = 0.0;             ///< of this vehicle, everything included, >= 0; 0: no limit
   double burst_s = 1.0;                 ///< a budget unused for so long may be spent at once, > 0
-  std::uint32_t batch_limit = 20;       ///< landmarks per message, and the size of what goes out in one go, 1..64
+  std::uint32_t batch_limit = 20;       ///< landmarks per message, and the size of what is said again in one go, 1..64
   std::size_t max_waiting = 1'000'000;  ///< facts; what comes beyond is left to the repair protocol, >= 1
 };
 
@@ -48,7 +49,7 @@ class Outbox {
   /// False if it was dropped.
   bool put(Message<G> message);
 
-  /// What goes out next, if the budget allows anything: one message, or a few facts. `bytes_sent`:
+  /// What goes out next, if the budget allows anything: one message, or a few facts that are said again. `bytes_sent`:
   /// ExchangeCounters::bytes_sent of the network, as of now.
   std::vector<Message<G>> next(double now_s, std::uint64_t bytes_sent);
 
@@ -96,7 +97,9 @@ class Outbox {
   Message<G> take_landmarks(std::map<Key, Batch>& batches);
   Facts news_, repeats_;
   std::array<std::uint32_t, fact_kind_count> next_news_{};  // the sender's own facts begin here to be news
-  bool digest_was_last_ = false, news_were_last_ = false, returns_news_ = false;
+  bool digest_was_last_ = false, news_were_last_ = false;
+  bool returning_ = false;       // what put() is given now has been handed out before
+  std::int64_t news_ahead_ = 0;  // of what is said again, while both wait; in landmarks
   std::set<FactId> waiting_;
   std::array<double, 3> spent_{};  // bytes over weight
   std::optional<Traffic> last_;    // what the bytes since then are put down to

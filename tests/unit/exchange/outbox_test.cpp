@@ -191,27 +191,34 @@ TEST(Outbox, AFewFactsGoTogether) {
   paced.exchange.take(0.0);
   EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{limit, 3}));
   paced.network->together.clear();
-  LandmarkBatch<SE2> batch;
-  for (std::uint32_t i = 0; i < 4; ++i) {
-    for (std::uint32_t k = 0; k < 5; ++k) batch.landmarks.push_back(landmark(5 * i + k, 0.1, i));
-    (void)paced.exchange.send(of(test::anchor(1, i)));
+  for (std::uint32_t k = 0; k < 3; ++k) {  // of 280 pairings 2 KB
+    AssociationFact wide = test::association(2, k, test::pairings(2, 3, 0, 4));
+    wide.pairings.resize(280, wide.pairings.front());
+    (void)paced.exchange.send(of(wide));
   }
-  (void)paced.exchange.send(of(batch));
   paced.exchange.take(0.0);
-  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{5, 3})) << "4 x 4 + 8, then 3 x 8 landmarks";
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{1, 1, 1})) << "each is more than enough";
+  paced.network->together.clear();
+  for (std::uint32_t k = 0; k < 3; ++k) (void)paced.exchange.send(of(test::anchor(1, k)));
+  paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{1, 1, 1})) << "news go singly";
 }
 
-TEST(Outbox, WhatIsRefusedInOneGoIsSaidAgainWhole) {
+TEST(Outbox, WhatIsRefusedInOneGoIsSaidAgainWholeAndInItsPlace) {
   Paced paced(0.0);
   paced.network->blocked = true;
-  for (std::uint32_t k = 0; k < 5; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
+  for (std::uint32_t k = 0; k < 8; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
   paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{5}));
   EXPECT_TRUE(paced.network->sent.empty());
-  EXPECT_EQ(paced.exchange.outbox_counters().facts_waiting, 5U);
+  EXPECT_EQ(paced.exchange.outbox_counters().facts_waiting, 8U);
   paced.network->blocked = false;
   paced.exchange.take(0.0);
-  EXPECT_EQ(paced.network->sent.size(), 5U);
-  for (const auto& message : paced.network->sent) EXPECT_TRUE(message.repeated);
+  ASSERT_EQ(paced.network->sent.size(), 8U);
+  for (std::uint32_t k = 0; k < 8; ++k) {
+    EXPECT_TRUE(paced.network->sent[k].repeated);
+    EXPECT_EQ(std::get<AnchorFact<SE2>>(paced.network->sent[k].payload).key.index, k);
+  }
 }
 
 TEST(Outbox, TheMostInformativeLandmarksGoFirst) {
