@@ -13,6 +13,14 @@
 namespace convoy::dds::testing {
 namespace {
 
+using Payload = eprosima::fastrtps::rtps::SerializedPayload_t;
+
+/// `good` with two bytes drawn at random.
+void spoil(Payload& good, Payload& spoilt) {
+  spoilt.copy(&good);
+  for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+}
+
 TEST(WireScan, ReadsBothByteOrders) {
   // Verdict, big endian: sender (epoch 8, vehicle 4), vehicle 4, epoch 8, index 4, dimension 1, pad 3, hypothesis 8,
   // veto 1.
@@ -43,13 +51,12 @@ TEST(WireScan, SpoiltBytesAreDecodedOrRefusedNeverWorse) {
   v1::Landmark sample;
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), sample), WireStatus::ok);
   GuardedType<v1::LandmarkPubSubType> type;
-  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&sample)());
+  Payload good(type.getSerializedSizeProvider(&sample)());
   ASSERT_TRUE(type.serialize(&sample, &good));
   std::map<Decoding, int> seen;
   for (int run = 0; run < 20000; ++run) {
-    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
-    spoilt.copy(&good);
-    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Payload spoilt(good.length);
+    spoil(good, spoilt);
     Guarded<v1::Landmark> received;
     ASSERT_TRUE(type.deserialize(&spoilt, &received));
     ASSERT_EQ(received.decoding, scan_payload<v1::Landmark>(spoilt.data, spoilt.length));
@@ -73,7 +80,7 @@ void expect_spoilt_fixes_do_no_harm(const ChainState<G>& state) {
   fact.anchor = 1;
   ASSERT_EQ(to_wire(sender, fact, sample), WireStatus::ok);
   GuardedType<v1::AbsoluteFixPubSubType> type;
-  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&sample)());
+  Payload good(type.getSerializedSizeProvider(&sample)());
   ASSERT_TRUE(type.serialize(&sample, &good));
   FactStore<G> store;
   for (std::uint32_t k = 0; k < 2; ++k)
@@ -81,9 +88,8 @@ void expect_spoilt_fixes_do_no_harm(const ChainState<G>& state) {
   std::map<Decoding, int> seen;
   std::map<Insertion, int> taken;
   for (int run = 0; run < 20000; ++run) {
-    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
-    spoilt.copy(&good);
-    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Payload spoilt(good.length);
+    spoil(good, spoilt);
     Guarded<v1::AbsoluteFix> received;
     ASSERT_TRUE(type.deserialize(&spoilt, &received));
     ASSERT_EQ(received.decoding, scan_payload<v1::AbsoluteFix>(spoilt.data, spoilt.length));
@@ -124,14 +130,13 @@ void expect_spoilt_bytes_do_no_harm(const Fact& fact) {
   Sample sample;
   ASSERT_EQ(to_wire<G>(sender, fact, sample), WireStatus::ok);
   GuardedType<PubSubType> type;
-  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&sample)());
+  Payload good(type.getSerializedSizeProvider(&sample)());
   ASSERT_TRUE(type.serialize(&sample, &good));
   FactStore<G> store;
   std::map<Decoding, int> seen;
   for (int run = 0; run < 20000; ++run) {
-    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
-    spoilt.copy(&good);
-    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Payload spoilt(good.length);
+    spoil(good, spoilt);
     Guarded<Sample> received;
     ASSERT_TRUE(type.deserialize(&spoilt, &received));
     ASSERT_EQ(received.decoding, scan_payload<Sample>(spoilt.data, spoilt.length));
@@ -171,13 +176,12 @@ TEST(WireScan, SpoiltAnswersAreDecodedOrRefusedNeverWorse) {
   ASSERT_EQ(to_wire(sender, std::span<const LandmarkFact<SE2>>(facts), landmarks), WireStatus::ok);
   add(landmarks);
   GuardedType<v1::AnswerPubSubType> type;
-  eprosima::fastrtps::rtps::SerializedPayload_t good(type.getSerializedSizeProvider(&answer)());
+  Payload good(type.getSerializedSizeProvider(&answer)());
   ASSERT_TRUE(type.serialize(&answer, &good));
   std::map<WireStatus, int> seen;
   for (int run = 0; run < 20000; ++run) {
-    eprosima::fastrtps::rtps::SerializedPayload_t spoilt(good.length);
-    spoilt.copy(&good);
-    for (int flips = 0; flips < 2; ++flips) spoilt.data[engine() % spoilt.length] = static_cast<std::uint8_t>(engine());
+    Payload spoilt(good.length);
+    spoil(good, spoilt);
     Guarded<v1::Answer> received;
     ASSERT_TRUE(type.deserialize(&spoilt, &received));
     if (received.decoding != Decoding::ok) continue;
