@@ -11,6 +11,8 @@
 #include <thread>
 #include <utility>
 
+#include "free_domains.hpp"
+
 namespace convoy::cli {
 
 namespace fs = std::filesystem;
@@ -18,10 +20,9 @@ using nlohmann::json;
 
 namespace {
 
-// Beyond 99 the ports of a domain are those of other programs.
 std::uint32_t next_domain() {
   static std::uint32_t next = static_cast<std::uint32_t>(getpid());
-  return 20 + next++ % 80;
+  return free_domain(next++);
 }
 
 }  // namespace

@@ -6,9 +6,9 @@
 #include <chrono>
 #include <cmath>
 
-#include "scenario/street.hpp"
-#include "sensor_source.hpp"
+#include "free_domains.hpp"
 #include "other_program.hpp"
+#include "scenario/street.hpp"
 
 namespace convoy::cli {
 namespace {
@@ -24,15 +24,11 @@ std::vector<VehicleId> ids_of(const Scenario<SE3>& scenario) {
   return ids;
 }
 
-// Another one of those that demos use; of one domain, no two steps below 80 give the same.
-std::uint32_t beside(std::uint32_t domain, std::uint32_t step) {
-  constexpr std::uint32_t first = 20, count = 80;
-  return first + (domain % count + step) % count;
-}
-
 }  // namespace
 
-bool can_drive_with_cameras() { return has_cameras() && std::filesystem::exists(simulator_program()); }
+bool can_drive_with_cameras() {
+  return std::filesystem::exists(camera_program()) && std::filesystem::exists(simulator_program());
+}
 
 Scenario<SE3> camera_scenario(std::uint64_t seed, std::optional<double> distance_m) {
   const StreetParams paper;  // the prior is that of the landmark-level run
@@ -59,8 +55,8 @@ CameraDrive::CameraDrive(const std::filesystem::path& run_folder, const Scenario
     : folder_(run_folder),
       seed_(scenario.seed),
       vehicles_(scenario.vehicles.size()),
-      sensor_domain_(beside(fleet_domain, 27)),
-      truth_domain_(beside(fleet_domain, 54)),
+      sensor_domain_(free_domain_beside(fleet_domain, 10)),
+      truth_domain_(free_domain_beside(fleet_domain, 20)),
       distance_m_(distance_m),
       truth_(truth_domain_, run_folder, ids_of(scenario)) {}
 

@@ -207,6 +207,4 @@ std::unique_ptr<SensorSource<SE3>> open_camera(const VehicleConfig<SE3>& config,
   return source;
 }
 
-bool has_cameras() { return true; }
-
 }  // namespace convoy::cli

@@ -25,6 +25,7 @@
 #include "child_process.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
+#include "free_domains.hpp"
 #include "qos_profile.hpp"
 #include "report/report.hpp"
 #include "scenario/mrclam.hpp"
@@ -181,14 +182,13 @@ class Demo {
   }
 
   void choose_domain() {
-    constexpr std::uint32_t first = 20, count = 80;  // beyond 99 the ports of a domain are those of other programs
     const auto own = static_cast<std::uint32_t>(getpid());
-    domain_ = options_.domain.value_or(first + own % count);
+    domain_ = options_.domain.value_or(free_domain(own));
     for (std::uint32_t attempt = 1; strangers(domain_) > 0; ++attempt) {
       if (options_.domain || attempt == 8)
         throw ConfigError("demo: another convoy fleet is heard on DDS domain " + std::to_string(domain_) +
                           "; wait for its end, or name a domain of its own with --domain");
-      domain_ = first + (domain_ - first + 1 + own / count % (count - 2)) % count;
+      domain_ = free_domain_beside(domain_, 1 + own / free_domains % (free_domains - 1));
     }
   }
 

@@ -103,11 +103,12 @@ class LogSource final : public SensorSource<G> {
 }  // namespace
 
 template <class G>
-std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>& config) {
+std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>& config, const SourceOptions&) {
   return std::make_unique<LogSource<G>>(config);
 }
 
-#define CONVOY_INSTANTIATE(G) template std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>&);
+#define CONVOY_INSTANTIATE(G) \
+  template std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>&, const SourceOptions&);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

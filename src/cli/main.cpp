@@ -1,10 +1,5 @@
 // The command convoy.
-#include <convoy/config_error.hpp>
 #include <convoy/geometry/groups.hpp>
-
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
-#include <CLI/CLI.hpp>
 
 #include <cstdio>
 
@@ -18,8 +13,9 @@
 #include "evaluate/run_folder.hpp"
 #include "other_program.hpp"
 #include "report/report.hpp"
+#include "run_program.hpp"
 #include "solve.hpp"
-#include "vehicle_process.hpp"
+#include "vehicle_options.hpp"
 
 namespace {
 
@@ -50,7 +46,7 @@ std::string command_fault(const CLI::App& app, int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("convoy"));
+  cli::log_to_standard_error();
   CLI::App app{"convoy: one consistent map for several vehicles, without a server, over Fast DDS"};
   app.require_subcommand(1);
   app.set_version_flag("--version", CONVOY_VERSION);
@@ -74,11 +70,7 @@ int main(int argc, char** argv) {
       ->check(whole_number);
   demo_command->add_option("--rate", demo.rate, "vehicle seconds per second, 0.01 to 1000 (default: 10)")
       ->check(CLI::Range(0.01, 1000.0));
-  const std::string impairments =
-      "loss=0.3,duplicate=0.2,delay=100ms,jitter=50ms,reorder=0.1,rate=100kB/s,"
-      "partition=3+4@10s..70s,seed=7 on what is received, in real seconds; with out. before it, on what "
-      "is sent";
-  demo_command->add_option("--impair", demo.impair, impairments);
+  demo_command->add_option("--impair", demo.impair, cli::impairment_help());
   demo_command->add_flag("--literal", demo.literal, "the paper's own method: literal drift, EKF map, Fig. 5 search");
   demo_command->add_flag("--encounters", demo.encounters,
                          "use what the vehicles see of each other (mrclam), beside landmarks");
@@ -112,23 +104,13 @@ int main(int argc, char** argv) {
   std::string config;
   cli::VehicleRunOptions vehicle;
   auto* vehicle_command = app.add_subcommand("vehicle", "Run one vehicle until SIGINT or SIGTERM");
-  vehicle_command->add_option("config", config, "its XML configuration")->required();
-  vehicle_command->add_flag("--until-end", vehicle.until_end,
-                            "end when the sensor log has ended and all facts are settled");
-  vehicle_command
-      ->add_option("--status-period", vehicle.status_period_s,
-                   "seconds between status lines, 0.01 to 86400 (default: 0.25)")
-      ->check(CLI::Range(0.01, 86400.0));
-  vehicle_command->add_flag("--now", vehicle.now, "the sensor log begins now, not at the configuration's start_unix_s");
-  vehicle_command->add_flag("--sightings", vehicle.sightings,
-                            "write sightings.csv: in which pixel the camera saw each landmark, for a judge");
-  vehicle_command->add_option("--impair", vehicle.impair, impairments + "; instead of the configuration's");
-  vehicle_command->add_option("--out", vehicle.out,
-                              "folder for what it writes (default: the configuration's); the state folder, which holds "
-                              "the last epoch, stays where it is");
+  cli::add_vehicle_options(*vehicle_command, config, vehicle);
   vehicle_command->callback([&] {
-    status = with_group(fleet_dimension(config),
-                        [&]<class G>(G) { return cli::run_vehicle(load_vehicle_config<G>(config), vehicle); });
+    status = with_group(fleet_dimension(config), [&]<class G>(G) {
+      const auto loaded = load_vehicle_config<G>(config);
+      if (loaded.camera.given()) cli::become(cli::camera_program(), "CONVOY_BUILD_VISION", argc, argv);
+      return cli::run_vehicle<G>(loaded, vehicle, cli::open_log<G>);
+    });
   });
 
   std::string run_folder;
@@ -228,19 +210,11 @@ int main(int argc, char** argv) {
     spdlog::error("{}", fault);
     return 2;
   }
-  try {
-    if (argc > 1 && std::string(argv[1]) == "sim")
-      cli::become(cli::simulator_program(), "CONVOY_BUILD_SIMULATOR", argc, argv);
-    if (argc > 1 && std::string(argv[1]) == "replay") cli::become(cli::replay_program(), "CONVOY_WITH_DDS", argc, argv);
+  return cli::run_program(app, [&] {
+    const std::string command = argc > 1 ? argv[1] : "";
+    if (command == "sim") cli::become(cli::simulator_program(), "CONVOY_BUILD_SIMULATOR", argc, argv);
+    if (command == "replay") cli::become(cli::replay_program(), "CONVOY_WITH_DDS", argc, argv);
     app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;  // 0: --help, --version
-  } catch (const ConfigError& error) {
-    spdlog::error("{}", error.what());
-    return 2;
-  } catch (const std::exception& error) {
-    spdlog::critical("unexpected: {}", error.what());
-    return 3;
-  }
-  return status;
+    return status;
+  });
 }

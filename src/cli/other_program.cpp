@@ -22,6 +22,7 @@ std::filesystem::path simulator_program() {
 }
 
 std::filesystem::path replay_program() { return this_program().parent_path() / "convoy-replay"; }
+std::filesystem::path camera_program() { return this_program().parent_path() / "convoy-camera"; }
 
 void become(const std::filesystem::path& program, const std::string& option, int argc, char** argv) {
   std::vector<char*> words(argv + 1, argv + argc);

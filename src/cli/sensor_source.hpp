@@ -42,20 +42,10 @@ struct SourceOptions {
 
 /// The log that the configuration names, on the clock. Throws ConfigError, also when all of it lies in the past.
 template <class G>
-std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>& config);
+std::unique_ptr<SensorSource<G>> open_log(const VehicleConfig<G>& config, const SourceOptions& options);
 
-/// The topics of CameraConfig. Waits for the camera. Throws ConfigError if it does not come, or if this program was
-/// built without; nothing if `stop` says true before.
+/// The topics of CameraConfig. Waits for the camera. Throws ConfigError if it does not come; nothing if `stop` says
+/// true before. Only in convoy-camera, see other_program.hpp.
 std::unique_ptr<SensorSource<SE3>> open_camera(const VehicleConfig<SE3>& config, const SourceOptions& options);
-/// This program was built with convoy::vision.
-bool has_cameras();
-
-/// What the configuration asks for: one of the two, which must be there.
-template <class G>
-std::unique_ptr<SensorSource<G>> open_sensors(const VehicleConfig<G>& config, const SourceOptions& options) {
-  if constexpr (G::Dim == 3)
-    if (config.camera.given()) return open_camera(config, options);
-  return open_log(config);
-}
 
 }  // namespace convoy::cli

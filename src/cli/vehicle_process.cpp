@@ -14,7 +14,6 @@
 #include <utility>
 
 #include "run_time.hpp"
-#include "sensor_source.hpp"
 #include "vehicle_output.hpp"
 #include "vehicle_status.hpp"
 #include "vehicle_warnings.hpp"
@@ -191,7 +190,7 @@ class VehicleRun {
 }  // namespace
 
 template <class G>
-int run_vehicle(VehicleConfig<G> given, const VehicleRunOptions& options) {
+int run_vehicle(VehicleConfig<G> given, const VehicleRunOptions& options, OpenSensors<G> open_sensors) {
   std::signal(SIGTERM, [](int) { stop_requested = 1; });
   std::signal(SIGINT, [](int) { stop_requested = 1; });
   std::signal(SIGPIPE, SIG_IGN);
@@ -200,11 +199,11 @@ int run_vehicle(VehicleConfig<G> given, const VehicleRunOptions& options) {
   SourceOptions sensors;
   sensors.stop = [] { return stop_requested != 0; };
   if (options.sightings) sensors.sightings = config.output_folder / "sightings.csv";
-  const auto source = open_sensors<G>(config, sensors);
+  const auto source = open_sensors(config, sensors);
   return source ? VehicleRun<G>(config, options, *source).drive() : 0;
 }
 
-#define CONVOY_INSTANTIATE(G) template int run_vehicle(VehicleConfig<G>, const VehicleRunOptions&);
+#define CONVOY_INSTANTIATE(G) template int run_vehicle(VehicleConfig<G>, const VehicleRunOptions&, OpenSensors<G>);
 CONVOY_FOR_EACH_GROUP(CONVOY_INSTANTIATE)
 
 }  // namespace convoy::cli

@@ -4,27 +4,59 @@
 #include <poll.h>
 #include <signal.h>
 #include <spawn.h>
+#include <sys/file.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <sstream>
 #include <stdexcept>
 #include <thread>
 
 namespace convoy::dds::testing {
 
-std::uint32_t domain_of_this_test() {
-  constexpr std::uint32_t first = CONVOY_FIRST_TEST_DOMAIN, count = CONVOY_TEST_DOMAINS;
+namespace {
+
+// Its place among those of this executable.
+std::uint32_t number_of_this_test() {
   const auto& all = *::testing::UnitTest::GetInstance();
   const auto* current = all.current_test_info();
   std::uint32_t number = 0;
   for (int s = 0; s < all.total_test_suite_count(); ++s)
     for (int t = 0; t < all.GetTestSuite(s)->total_test_count(); ++t, ++number)
-      if (all.GetTestSuite(s)->GetTestInfo(t) == current) return first + number % count;
+      if (all.GetTestSuite(s)->GetTestInfo(t) == current) return number;
   throw std::logic_error("no test is running");
+}
+
+// True for one process at a time, until it ends. Where there can be no lock file, for all.
+bool has_to_itself(std::uint32_t domain) {
+  static std::map<std::uint32_t, int> locks;
+  if (locks.contains(domain)) return true;
+  const std::string file =
+      (std::filesystem::temp_directory_path() / ("convoy_test_domain_" + std::to_string(domain) + ".lock")).string();
+  const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (lock >= 0 && flock(lock, LOCK_EX | LOCK_NB) != 0) {
+    close(lock);
+    return false;
+  }
+  locks[domain] = lock;
+  return true;
+}
+
+}  // namespace
+
+std::uint32_t domain_of_this_test() {
+  constexpr std::uint32_t first = CONVOY_FIRST_TEST_DOMAIN, count = CONVOY_TEST_DOMAINS;
+  static std::map<std::uint32_t, std::uint32_t> domains;  // by test
+  const std::uint32_t number = number_of_this_test();
+  if (const auto chosen = domains.find(number); chosen != domains.end()) return chosen->second;
+  for (std::uint32_t k = 0; k < count; ++k)
+    if (const std::uint32_t domain = first + (number + k) % count; has_to_itself(domain))
+      return domains[number] = domain;
+  throw std::runtime_error("all domains of these tests are in use by others");
 }
 
 std::string profile_named(const std::string& name) { return CONVOY_QOS_PROFILES "/" + name + ".xml"; }

@@ -18,7 +18,7 @@ namespace convoy::dds::testing {
 
 inline constexpr double deadline_s = 20.0;
 
-/// A domain for the running test, of those of its executable: neighbours may run at the same time.
+/// A domain for the running test, of those of its executable; no other process takes it meanwhile.
 std::uint32_t domain_of_this_test();
 
 std::string profile_named(const std::string& name);

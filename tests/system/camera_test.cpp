@@ -65,6 +65,14 @@ TEST_F(CameraVehicle, OneWithoutSensorsSaysWhereItHasListened) {
   EXPECT_FALSE(fs::exists(scratch_ / "vehicle_1")) << "nothing is written before it begins";
 }
 
+TEST_F(CameraVehicle, WhereTheProgramForCamerasIsNotThereItIsSaid) {
+  fs::copy(CONVOY_PROGRAM, scratch_ / "convoy");
+  const Outcome outcome = run_shell((scratch_ / "convoy").string() + " vehicle " + write_config(1, "").string());
+  EXPECT_EQ(outcome.status, 2) << outcome.output;
+  EXPECT_NE(outcome.output.find("convoy-camera is not beside"), std::string::npos) << outcome.output;
+  EXPECT_NE(outcome.output.find("build convoy with CONVOY_BUILD_VISION=ON"), std::string::npos) << outcome.output;
+}
+
 TEST_F(CameraVehicle, ADemoOfTwoIsJudgedByWhatTheirPixelsShow) {
   const fs::path run = scratch_ / "run";
   const Outcome outcome = run_convoy("demo --distance 120 --out " + run.string());

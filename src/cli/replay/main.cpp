@@ -1,15 +1,10 @@
 // convoy replay, a program of its own: see other_program.hpp.
-#include <convoy/config_error.hpp>
-
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
-#include <CLI/CLI.hpp>
-
 #include "replay/replay.hpp"
+#include "run_program.hpp"
 
 int main(int argc, char** argv) {
   using namespace convoy;
-  spdlog::set_default_logger(spdlog::stderr_logger_mt("convoy"));
+  cli::log_to_standard_error();
   CLI::App app{
       "convoy replay: a recording of sensors and an odometer through the front end of a vehicle, or of a fleet"};
   app.name("convoy replay");
@@ -29,18 +24,10 @@ int main(int argc, char** argv) {
   app.add_option("--features", replay.features, "features followed at once, 12 to 400 (default: 50)")
       ->check(CLI::Range(12, 400));
   app.add_option("--seed", replay.seed, "of where the vehicles of victoria believe to start (default: 1)");
-  try {
+  return cli::run_program(app, [&] {
     app.parse(argc, argv);
     replay.dataset = recording[0];
     replay.folder = recording[1];
     return cli::run_replay(replay);
-  } catch (const CLI::ParseError& error) {
-    return app.exit(error) == 0 ? 0 : 2;  // 0: --help
-  } catch (const ConfigError& error) {
-    spdlog::error("{}", error.what());
-    return 2;
-  } catch (const std::exception& error) {
-    spdlog::critical("unexpected: {}", error.what());
-    return 3;
-  }
+  });
 }
