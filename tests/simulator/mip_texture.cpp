@@ -1,6 +1,7 @@
 #include "mip_texture.hpp"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstring>
@@ -72,7 +73,15 @@ std::vector<float> halved(const std::vector<float>& grey, std::size_t width, std
   return half;
 }
 
+constexpr float kAlone = 0.2F;        // of the way between two levels, at either end
 constexpr float kTapUnit = 0x1p-14F;  // weights of a tap's four texels add up to 2^14
+
+constexpr std::array<float, 17> parts_of_one() {
+  std::array<float, 17> parts{};
+  for (std::size_t count = 1; count < parts.size(); ++count) parts[count] = 1.0F / static_cast<float>(count);
+  return parts;
+}
+constexpr std::array<float, 17> kParts = parts_of_one();  // by the number of taps
 
 }  // namespace
 
@@ -118,110 +127,137 @@ void MipTexture::add_level(const std::vector<float>& grey, unsigned log2_width, 
 
 /// Repeats in 2^-32, without the whole ones.
 std::uint32_t MipTexture::fixed(float repeats) {
-  return static_cast<std::uint32_t>(static_cast<std::int64_t>(static_cast<double>(repeats) * 0x1p32));
+  return static_cast<std::uint32_t>(static_cast<std::int64_t>(repeats * 0x1p32F));
 }
 
-/// A row of taps on one level, in 2^-16 texels.
-struct MipTexture::Row {
-  std::uint32_t u, v, step_u, step_v;
-  std::uint32_t last_u, last_v;  // the largest place: places wrap by it
-  const Level* level;
+/// Where a row of taps on one level begins, in 2^-16 texels.
+struct MipTexture::Start {
+  std::uint32_t u, v;
 
-  Row(const Level& on, std::uint32_t at_u, std::uint32_t at_v, const Taps& taps)
-      : u((at_u - on.half_u) >> on.shift_u),
-        v((at_v - on.half_v) >> on.shift_v),
-        step_u(taps.step_u >> on.shift_u),
+  Start(const Level& on, std::uint32_t at_u, std::uint32_t at_v)
+      : u((at_u - on.half_u) >> on.shift_u), v((at_v - on.half_v) >> on.shift_v) {}
+};
+
+/// How rows of taps go on on one level.
+struct MipTexture::Row {
+  std::uint32_t step_u, step_v;  // 2^-16 texels
+  std::uint32_t last_u, last_v;  // the largest place: places wrap by it
+  std::int32_t stride;
+  const std::uint8_t* grey;
+
+  Row(const Level& on, const Taps& taps)
+      : step_u(taps.step_u >> on.shift_u),
         step_v(taps.step_v >> on.shift_v),
         last_u(~0U >> on.shift_u),
         last_v(~0U >> on.shift_v),
-        level(&on) {}
+        stride(on.stride),
+        grey(on.grey.data()) {}
+
+  /// Grey x 2^14 between four neighbours, added up.
+  std::int32_t sum(Start at, int count) const {
+    std::uint32_t sum = 0;
+    for (int i = 0; i < count; ++i) {
+      const std::uint32_t right = at.u >> 9U & 127U, lower = at.v >> 9U & 127U;
+      const std::uint8_t* above = grey + static_cast<std::int32_t>(at.v >> 16U) * stride + (at.u >> 16U);
+      const std::uint8_t* below = above + stride;
+      sum += (above[0] * (128U - right) + above[1] * right) * (128U - lower) +
+             (below[0] * (128U - right) + below[1] * right) * lower;
+      at.u = (at.u + step_u) & last_u, at.v = (at.v + step_v) & last_v;
+    }
+    return static_cast<std::int32_t>(sum);
+  }
 };
 
+/// Two rows at once.
 #ifdef __SSE2__
-/// The sums of two rows of taps. Places and weights of both are found at once, four texels are weighed by one
-/// operation.
-std::array<std::int32_t, 2> MipTexture::sums(const Row& a, const Row& b, int count) {
-  const auto four = [](std::uint32_t i, std::uint32_t j, std::uint32_t k, std::uint32_t l) {
+struct MipTexture::RowPair {
+  __m128i step, last, strides;
+  const std::uint8_t *grey_a, *grey_b;
+  std::int32_t stride_a, stride_b;
+
+  RowPair(const Row& a, const Row& b)
+      : step(four(a.step_u, a.step_v, b.step_u, b.step_v)),
+        last(four(a.last_u, a.last_v, b.last_u, b.last_v)),
+        strides(four(static_cast<std::uint32_t>(a.stride) << 16U | 1U, static_cast<std::uint32_t>(b.stride) << 16U | 1U,
+                     0, 0)),
+        grey_a(a.grey),
+        grey_b(b.grey),
+        stride_a(a.stride),
+        stride_b(b.stride) {}
+
+  /// Places and weights of both are found at once, four texels are weighed by one operation.
+  std::array<std::int32_t, 2> sums(Start a, Start b, int count) const {
+    __m128i place = four(a.u, a.v, b.u, b.v), sum = _mm_setzero_si128();
+    for (int i = 0; i < count; ++i) {
+      const __m128i whole = _mm_srli_epi32(place, 16);
+      const __m128i at = _mm_madd_epi16(_mm_packs_epi32(whole, whole), strides);
+      const std::uint8_t* const texels_a = grey_a + _mm_cvtsi128_si32(at);
+      const std::uint8_t* const texels_b = grey_b + _mm_cvtsi128_si32(_mm_shuffle_epi32(at, 1));
+      // Each lane: (128 - part, part) in 16 bits each.
+      const __m128i part = _mm_and_si128(_mm_srli_epi32(place, 9), _mm_set1_epi32(127));
+      const __m128i parts = _mm_add_epi32(_mm_sub_epi32(_mm_slli_epi32(part, 16), part), _mm_set1_epi32(128));
+      const __m128i along = _mm_shuffle_epi32(parts, 0b10100000);
+      const __m128i down =
+          _mm_shufflehi_epi16(_mm_shufflelo_epi16(_mm_shuffle_epi32(parts, 0b11110101), 0b01010000), 0b01010000);
+      __m128i texels = _mm_cvtsi32_si128(pair(texels_a));
+      texels = _mm_insert_epi16(texels, pair(texels_a + stride_a), 1);
+      texels = _mm_insert_epi16(texels, pair(texels_b), 2);
+      texels = _mm_insert_epi16(texels, pair(texels_b + stride_b), 3);
+      texels = _mm_unpacklo_epi8(texels, _mm_setzero_si128());
+      sum = _mm_add_epi32(sum, _mm_madd_epi16(texels, _mm_mullo_epi16(along, down)));
+      place = _mm_and_si128(_mm_add_epi32(place, step), last);
+    }
+    sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0b10110001));
+    return {_mm_cvtsi128_si32(sum), _mm_cvtsi128_si32(_mm_shuffle_epi32(sum, 2))};
+  }
+
+ private:
+  static __m128i four(std::uint32_t i, std::uint32_t j, std::uint32_t k, std::uint32_t l) {
     return _mm_setr_epi32(static_cast<int>(i), static_cast<int>(j), static_cast<int>(k), static_cast<int>(l));
-  };
-  const auto pair = [](const std::uint8_t* texels) {
+  }
+  static std::uint16_t pair(const std::uint8_t* texels) {
     std::uint16_t both;
     std::memcpy(&both, texels, sizeof both);
     return both;
-  };
-  const __m128i step = four(a.step_u, a.step_v, b.step_u, b.step_v),
-                last = four(a.last_u, a.last_v, b.last_u, b.last_v);
-  const auto stride = [](const Row& row) { return static_cast<std::uint32_t>(row.level->stride) << 16U | 1U; };
-  const __m128i strides = four(stride(a), stride(b), 0, 0);
-  const std::uint8_t *grey_a = a.level->grey.data(), *grey_b = b.level->grey.data();
-  const std::int32_t stride_a = a.level->stride, stride_b = b.level->stride;
-  __m128i place = four(a.u, a.v, b.u, b.v), sum = _mm_setzero_si128();
-  for (int i = 0; i < count; ++i) {
-    const __m128i whole = _mm_srli_epi32(place, 16);
-    const __m128i at = _mm_madd_epi16(_mm_packs_epi32(whole, whole), strides);
-    const std::uint8_t* const texels_a = grey_a + _mm_cvtsi128_si32(at);
-    const std::uint8_t* const texels_b = grey_b + _mm_cvtsi128_si32(_mm_shuffle_epi32(at, 1));
-    // Each lane: (128 - part, part) in 16 bits each.
-    const __m128i part = _mm_and_si128(_mm_srli_epi32(place, 9), _mm_set1_epi32(127));
-    const __m128i parts = _mm_add_epi32(_mm_sub_epi32(_mm_slli_epi32(part, 16), part), _mm_set1_epi32(128));
-    const __m128i along = _mm_shuffle_epi32(parts, 0b10100000);
-    const __m128i down =
-        _mm_shufflehi_epi16(_mm_shufflelo_epi16(_mm_shuffle_epi32(parts, 0b11110101), 0b01010000), 0b01010000);
-    __m128i texels = _mm_cvtsi32_si128(pair(texels_a));
-    texels = _mm_insert_epi16(texels, pair(texels_a + stride_a), 1);
-    texels = _mm_insert_epi16(texels, pair(texels_b), 2);
-    texels = _mm_insert_epi16(texels, pair(texels_b + stride_b), 3);
-    texels = _mm_unpacklo_epi8(texels, _mm_setzero_si128());
-    sum = _mm_add_epi32(sum, _mm_madd_epi16(texels, _mm_mullo_epi16(along, down)));
-    place = _mm_and_si128(_mm_add_epi32(place, step), last);
   }
-  sum = _mm_add_epi32(sum, _mm_shuffle_epi32(sum, 0b10110001));
-  return {_mm_cvtsi128_si32(sum), _mm_cvtsi128_si32(_mm_shuffle_epi32(sum, 2))};
-}
+};
 #else
-std::array<std::int32_t, 2> MipTexture::sums(const Row& a, const Row& b, int count) {
-  return {sum(a, count), sum(b, count)};
-}
+struct MipTexture::RowPair {
+  Row one, other;
+
+  RowPair(const Row& a, const Row& b) : one(a), other(b) {}
+  std::array<std::int32_t, 2> sums(Start a, Start b, int count) const {
+    return {one.sum(a, count), other.sum(b, count)};
+  }
+};
 #endif
 
-/// Grey x 2^14 between four neighbours, added up.
-std::int32_t MipTexture::sum(Row row, int count) {
-  std::uint32_t sum = 0;
-  for (int i = 0; i < count; ++i) {
-    const std::uint32_t right = row.u >> 9U & 127U, lower = row.v >> 9U & 127U;
-    const std::uint8_t* above =
-        row.level->grey.data() + static_cast<std::int32_t>(row.v >> 16U) * row.level->stride + (row.u >> 16U);
-    const std::uint8_t* below = above + row.level->stride;
-    sum += (above[0] * (128U - right) + above[1] * right) * (128U - lower) +
-           (below[0] * (128U - right) + below[1] * right) * lower;
-    row.u = (row.u + row.step_u) & row.last_u, row.v = (row.v + row.step_v) & row.last_v;
-  }
-  return static_cast<std::int32_t>(sum);
-}
-
 void MipTexture::sample(const float* u, const float* v, std::size_t count, const Taps& taps, float* grey) {
-  const auto row = [&](const Level& level, std::size_t i) {
-    return Row(level, fixed(u[i] + taps.first_u), fixed(v[i] + taps.first_v), taps);
+  const auto start = [&](const Level& level, std::size_t i) {
+    return Start(level, fixed(u[i] + taps.first_u), fixed(v[i] + taps.first_v));
   };
+  const Row fine(*taps.fine, taps);
   if (taps.coarse != taps.fine) {
+    const RowPair both(fine, Row(*taps.coarse, taps));
     for (std::size_t i = 0; i < count; ++i) {
-      const auto [fine, coarse] = sums(row(*taps.fine, i), row(*taps.coarse, i), taps.count);
-      grey[i] = static_cast<float>(fine) * taps.fine_scale + static_cast<float>(coarse) * taps.coarse_scale;
+      const auto [sharp, blurred] = both.sums(start(*taps.fine, i), start(*taps.coarse, i), taps.count);
+      grey[i] = static_cast<float>(sharp) * taps.fine_scale + static_cast<float>(blurred) * taps.coarse_scale;
     }
     return;
   }
+  const RowPair both(fine, fine);
   std::size_t i = 0;
   for (; i + 2 <= count; i += 2) {
-    const auto [one, next] = sums(row(*taps.fine, i), row(*taps.fine, i + 1), taps.count);
+    const auto [one, next] = both.sums(start(*taps.fine, i), start(*taps.fine, i + 1), taps.count);
     grey[i] = static_cast<float>(one) * taps.fine_scale, grey[i + 1] = static_cast<float>(next) * taps.fine_scale;
   }
-  if (i < count) grey[i] = static_cast<float>(sum(row(*taps.fine, i), taps.count)) * taps.fine_scale;
+  if (i < count) grey[i] = static_cast<float>(fine.sum(start(*taps.fine, i), taps.count)) * taps.fine_scale;
 }
 
 float MipTexture::at_level(float u, float v, int level) const {
   const Level& on = levels_[static_cast<std::size_t>(std::clamp(level, 0, levels() - 1))];
   const Taps one{&on, &on, kTapUnit, 0.0F, 1, 0.0F, 0.0F, 0, 0};
-  return static_cast<float>(sum(Row(on, fixed(u), fixed(v), one), 1)) * kTapUnit;
+  return static_cast<float>(Row(on, one).sum(Start(on, fixed(u), fixed(v)), 1)) * kTapUnit;
 }
 
 MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filter) const {
@@ -237,15 +273,18 @@ MipTexture::Taps MipTexture::taps(const Footprint& footprint, const Filter& filt
   // Taps are no closer than texels of the finest level are.
   const float ratio = std::sqrt(longer / std::max(shorter, 1.0F));
   const int count = std::clamp(static_cast<int>(std::min(ratio, 16.0F) + 0.9F), 1, filter.most_taps);
-  const float spacing = longer / static_cast<float>(count * count);
+  const float part = kParts[static_cast<std::size_t>(count)], first = 0.5F * part - 0.5F;
+  const float spacing = longer * part * part;
   const float lod = std::min(0.5F * log2_roughly(std::max(spacing, 1.0F)), last_level_);
   const auto index = static_cast<std::size_t>(lod);
-  const float coarser = lod - static_cast<float>(index);
-  const float part = 1.0F / static_cast<float>(count), first = 0.5F * part - 0.5F;
-  const Level* fine = levels_.data() + index;
+  // Near a level that one alone serves, at half the work.
+  const float coarser =
+      std::clamp((lod - static_cast<float>(index) - kAlone) * (1.0F / (1.0F - 2.0F * kAlone)), 0.0F, 1.0F);
+  const Level *fine = levels_.data() + index + (coarser < 1.0F ? 0 : 1),
+              *coarse = levels_.data() + index + (coarser > 0.0F ? 1 : 0);
   return {fine,
-          coarser > 0.0F ? fine + 1 : fine,
-          part * kTapUnit * (1.0F - coarser),
+          coarse,
+          part * kTapUnit * (fine == coarse ? 1.0F : 1.0F - coarser),
           part * kTapUnit * coarser,
           count,
           along_u * first,

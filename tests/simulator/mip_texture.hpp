@@ -3,7 +3,6 @@
 
 #include "scene.hpp"
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -42,10 +41,10 @@ class MipTexture {
 
  private:
   struct Level;
+  struct Start;
   struct Row;
+  struct RowPair;
   static std::uint32_t fixed(float repeats);
-  static std::int32_t sum(Row row, int count);
-  static std::array<std::int32_t, 2> sums(const Row& a, const Row& b, int count);
   void add_level(const std::vector<float>& grey, unsigned log2_width, unsigned log2_height);
 
   int width_ = 0, height_ = 0;

@@ -4,6 +4,7 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
@@ -72,6 +73,42 @@ TEST(MipTexture, AveragesAlongAFootprint) {
   EXPECT_LT(anisotropic, 10.0);
   EXPECT_LT(anisotropic, 0.75 * isotropic);
   EXPECT_LT(anisotropic, 0.3 * none);
+}
+
+// Two rows of taps at once, as they are where there is SSE2, are what each of them is alone, to the bit.
+TEST(MipTexture, RowsTogetherAreWhatEachIsAlone) {
+  Stream stream({7, 0, 0, 0});
+  for (const auto& [width, height] : {std::pair{8192, 4}, {2, 8192}, {64, 64}}) {
+    const MipTexture mips(noise(width, height));
+    int on_two_levels = 0, counts = 0;
+    for (int i = 0; i < 3000; ++i) {
+      const auto number = [&](double most) { return static_cast<float>(stream.uniform(-most, most)); };
+      const auto texels = [&](float size, double most) { return number(most) / size; };
+      const auto w = static_cast<float>(width), h = static_cast<float>(height);
+      const MipTexture::Taps taps =
+          mips.taps({texels(w, 60.0), texels(h, 60.0), texels(w, 3.0), texels(h, 3.0)}, {true, 1 + i % 16});
+      counts |= 1 << taps.count;
+      std::array<float, 4> u, v, together, alone;
+      for (std::size_t k = 0; k < 4; ++k) u[k] = number(3.0), v[k] = number(3.0);
+      MipTexture::sample(u.data(), v.data(), 4, taps, together.data());
+      const auto on_one = [&](const auto* level, float scale, std::size_t k) {
+        MipTexture::Taps only = taps;
+        only.fine = only.coarse = level, only.fine_scale = scale;
+        float grey = 0.0F;
+        MipTexture::sample(&u[k], &v[k], 1, only, &grey);  // an odd one out goes alone
+        return grey;
+      };
+      for (std::size_t k = 0; k < 4; ++k) {
+        alone[k] = on_one(taps.fine, taps.fine_scale, k);
+        if (taps.coarse != taps.fine) alone[k] += on_one(taps.coarse, taps.coarse_scale, k);
+      }
+      on_two_levels += taps.coarse != taps.fine ? 1 : 0;
+      ASSERT_EQ(together, alone) << width << " x " << height << ", " << taps.count << " taps";
+    }
+    EXPECT_GT(on_two_levels, 300);
+    EXPECT_LT(on_two_levels, 2700);
+    EXPECT_EQ(counts, (1 << 17) - 2) << "all numbers of taps";
+  }
 }
 
 TEST(MipTexture, RefusesWhatIsNoTexture) {
