@@ -2,8 +2,10 @@
 #include <convoy/dds/dds_exchange.hpp>
 #include <convoy/dds/entities.hpp>
 #include <convoy/dds/guarded_type.hpp>
+#include <convoy/dds/receiver.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <fastdds/dds/core/LoanableSequence.hpp>
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/DataWriterListener.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
@@ -31,7 +33,7 @@ std::chrono::steady_clock::time_point deadline_after(double seconds) {
          std::chrono::duration_cast<std::chrono::steady_clock::duration>(std::chrono::duration<double>(seconds));
 }
 
-/// What the receiving threads leave for take().
+/// What the receiver leaves for take().
 template <class G>
 class Inbox {
  public:
@@ -123,8 +125,8 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
  public:
   using Sample = typename PubSubType::type;
 
-  Channel(const Domain& domain, const char* topic_name, Inbox<G>& inbox, PeerTable& peers)
-      : domain_(domain), inbox_(inbox), peers_(peers) {
+  Channel(const Domain& domain, const char* topic_name, Inbox<G>& inbox, PeerTable& peers, Receiver& receiver)
+      : domain_(domain), inbox_(inbox), peers_(peers), receiver_(receiver) {
     try {
       open(topic_name);
     } catch (...) {
@@ -139,11 +141,24 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
   bool write(Sample& sample) { return writer_->write(&sample); }
   bool keeps_history() const { return writer_->get_qos().durability().kind != edds::VOLATILE_DURABILITY_QOS; }
 
-  void on_data_available(edds::DataReader* reader) override {
-    edds::SampleInfo info;
-    Guarded<Sample> received;  // decoding == none if the host registered an unguarded type: then nothing is accepted
-    for (; reader->take_next_sample(&received, &info) == ReturnCode_t::RETCODE_OK; received.decoding = Decoding::none)
-      if (info.valid_data && info.sample_identity.writer_guid() != own_writer_) take_in(received, info);
+  /// What has come in since the last time, into the inbox. The receiver's.
+  void drain() noexcept {
+    if (!filled_.exchange(false)) return;
+    do {
+      taken_.length(0), infos_.length(0);
+      if (reader_->take(taken_, infos_, at_once) != ReturnCode_t::RETCODE_OK) return;
+      for (int i = 0; i < taken_.length(); ++i) {
+        // decoding stays none if the host registered an unguarded type: then nothing is accepted
+        if (infos_[i].valid_data && infos_[i].sample_identity.writer_guid() != own_writer_)
+          take_in(taken_[i], infos_[i]);
+        taken_[i].decoding = Decoding::none;
+      }
+    } while (taken_.length() == at_once);
+  }
+
+  void on_data_available(edds::DataReader*) override {
+    filled_ = true;
+    receiver_.wake();
   }
   void on_publication_matched(edds::DataWriter*, const edds::PublicationMatchedStatus& status) override {
     peers_.change(status.last_subscription_handle, status.current_count_change);
@@ -206,7 +221,7 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
            << edds::StatusMask::sample_lost();
   }
 
-  /// In the middleware's thread, where an exception would end the process; there is none but for want of memory.
+  /// An exception would end the process; there is none but for want of memory.
   void take_in(const Guarded<Sample>& received, const edds::SampleInfo& info) noexcept {
     try {
       accept(received, info);
@@ -239,6 +254,11 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
   Domain domain_;
   Inbox<G>& inbox_;
   PeerTable& peers_;
+  Receiver& receiver_;
+  std::atomic<bool> filled_ = false;
+  static constexpr std::int32_t at_once = 16;
+  edds::LoanableSequence<Guarded<Sample>> taken_{at_once};
+  edds::SampleInfoSeq infos_{at_once};
   edds::Topic* topic_ = nullptr;
   edds::DataWriter* writer_ = nullptr;
   edds::DataReader* reader_ = nullptr;
@@ -263,7 +283,15 @@ struct DdsExchange<G>::Impl {
       : profiles((check(config), config.profile_file)),
         entities(config, profiles, wire),
         inbox(config.max_queued_messages),
-        peers(entities.domain().participant->guid().guidPrefix, endpoints_per_exchange) {}
+        peers(entities.domain().participant->guid().guidPrefix, endpoints_per_exchange) {
+    receiver.start([this] { drain(); });
+  }
+  ~Impl() { receiver.stop(); }
+
+  void drain() noexcept {
+    bias.drain(), landmark.drain(), prior.drain(), association.drain(), verdict.drain(), absolute_fix.drain();
+    encounter.drain(), waypoint.drain(), pose.drain(), request.drain(), answer.drain(), digest.drain();
+  }
 
   SendStatus write(const Message<G>& of, const AnchorFact<G>& fact) { return write_fact(bias, of, fact); }
   SendStatus write(const Message<G>& of, const PriorFact<G>& fact) { return write_fact(prior, of, fact); }
@@ -319,6 +347,7 @@ struct DdsExchange<G>::Impl {
   Entities entities;
   Inbox<G> inbox;
   PeerTable peers;
+  Receiver receiver;
   std::atomic<std::uint64_t> sent{0};
   std::atomic<std::uint64_t> taken{0};
   std::atomic<std::uint64_t> rejected{0};
@@ -326,18 +355,19 @@ struct DdsExchange<G>::Impl {
   v1::Answer said_again;  // facts that go out together, of one sender; the sending thread's
 
   // Last, so that they are gone before anything they use.
-  Channel<G, v1::BiasPubSubType> bias{entities.domain(), "convoy/v1/Bias", inbox, peers};
-  Channel<G, v1::LandmarkPubSubType> landmark{entities.domain(), "convoy/v1/Landmark", inbox, peers};
-  Channel<G, v1::PriorPubSubType> prior{entities.domain(), "convoy/v1/Prior", inbox, peers};
-  Channel<G, v1::AssociationPubSubType> association{entities.domain(), "convoy/v1/Association", inbox, peers};
-  Channel<G, v1::VerdictPubSubType> verdict{entities.domain(), "convoy/v1/Verdict", inbox, peers};
-  Channel<G, v1::AbsoluteFixPubSubType> absolute_fix{entities.domain(), "convoy/v1/AbsoluteFix", inbox, peers};
-  Channel<G, v1::EncounterPubSubType> encounter{entities.domain(), "convoy/v1/Encounter", inbox, peers};
-  Channel<G, v1::WaypointPubSubType> waypoint{entities.domain(), "convoy/v1/Waypoint", inbox, peers};
-  Channel<G, v1::PosePubSubType> pose{entities.domain(), "convoy/v1/Pose", inbox, peers};
-  Channel<G, v1::RequestPubSubType> request{entities.domain(), "convoy/v1/Request", inbox, peers};
-  Channel<G, v1::AnswerPubSubType> answer{entities.domain(), "convoy/v1/Answer", inbox, peers};
-  Channel<G, v1::DigestPubSubType> digest{entities.domain(), "convoy/v1/Digest", inbox, peers};
+  Channel<G, v1::BiasPubSubType> bias{entities.domain(), "convoy/v1/Bias", inbox, peers, receiver};
+  Channel<G, v1::LandmarkPubSubType> landmark{entities.domain(), "convoy/v1/Landmark", inbox, peers, receiver};
+  Channel<G, v1::PriorPubSubType> prior{entities.domain(), "convoy/v1/Prior", inbox, peers, receiver};
+  Channel<G, v1::AssociationPubSubType> association{entities.domain(), "convoy/v1/Association", inbox, peers, receiver};
+  Channel<G, v1::VerdictPubSubType> verdict{entities.domain(), "convoy/v1/Verdict", inbox, peers, receiver};
+  Channel<G, v1::AbsoluteFixPubSubType> absolute_fix{entities.domain(), "convoy/v1/AbsoluteFix", inbox, peers,
+                                                     receiver};
+  Channel<G, v1::EncounterPubSubType> encounter{entities.domain(), "convoy/v1/Encounter", inbox, peers, receiver};
+  Channel<G, v1::WaypointPubSubType> waypoint{entities.domain(), "convoy/v1/Waypoint", inbox, peers, receiver};
+  Channel<G, v1::PosePubSubType> pose{entities.domain(), "convoy/v1/Pose", inbox, peers, receiver};
+  Channel<G, v1::RequestPubSubType> request{entities.domain(), "convoy/v1/Request", inbox, peers, receiver};
+  Channel<G, v1::AnswerPubSubType> answer{entities.domain(), "convoy/v1/Answer", inbox, peers, receiver};
+  Channel<G, v1::DigestPubSubType> digest{entities.domain(), "convoy/v1/Digest", inbox, peers, receiver};
 };
 
 namespace {
