@@ -10,9 +10,10 @@
 namespace convoy {
 namespace {
 
-constexpr std::size_t max_requests = 64;  // they are repeated
-constexpr double reserved = 0.1;          // share of the budget that what the network spends by itself cannot take
-constexpr double max_debt_s = 10.0;       // of the budget, that what it spends by itself can lead to
+constexpr std::size_t max_requests = 64;             // they are repeated
+constexpr std::size_t at_once_without_budget = 500;  // the size of what is said again in one go, in landmarks
+constexpr double reserved = 0.1;     // share of the budget that what the network spends by itself cannot take
+constexpr double max_debt_s = 10.0;  // of the budget, that what it spends by itself can lead to
 
 template <class Fact>
 struct IsLandmarks : std::false_type {};
@@ -229,13 +230,15 @@ Message<G> Outbox<G>::take_control() {
   return digest_was_last_ ? hand_over(digest_) : pop(requests_);
 }
 
-// News go singly, so that what is refused is no more than what goes again.
+// News go singly, so that what is refused is no more than what goes again. Without a budget nothing waits for its turn,
+// and what is said again fills its frames.
 template <class G>
 std::vector<Message<G>> Outbox<G>::take_facts() {
   const bool both_wait = !news_.empty() && !repeats_.empty();
   news_were_last_ = !news_.empty() && (!both_wait || news_ahead_ <= 0);
   Facts& from = news_were_last_ ? news_ : repeats_;
-  const std::size_t limit = news_were_last_ ? 1 : params_.batch_limit;
+  const std::size_t of_repeats = params_.bytes_per_s > 0.0 ? params_.batch_limit : at_once_without_budget;
+  const std::size_t limit = news_were_last_ ? 1 : of_repeats;
   std::vector<Message<G>> messages;
   std::size_t size = 0;
   for (; !from.empty() && size < limit; size += size_in_landmarks(messages.back())) messages.push_back(take_fact(from));

@@ -184,8 +184,16 @@ TEST(Outbox, SaysWhatIsRepeated) {
   EXPECT_FALSE(send(Digest{}));
 }
 
-TEST(Outbox, AFewFactsGoTogether) {
+TEST(Outbox, WithoutABudgetWhatIsSaidAgainGoesTogether) {
   Paced paced(0.0);
+  for (std::uint32_t k = 0; k < 100; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
+  for (std::uint32_t k = 0; k < 3; ++k) (void)paced.exchange.send(of(test::anchor(1, k)));
+  paced.exchange.take(0.0);
+  EXPECT_EQ(paced.network->together, (std::vector<std::size_t>{1, 100, 1, 1})) << "news go singly";
+}
+
+TEST(Outbox, OnABudgetAFewFactsGoTogether) {
+  Paced paced(1e9);
   const std::uint32_t limit = BudgetParams{}.batch_limit / 4;  // an anchor takes as much as four landmarks
   for (std::uint32_t k = 0; k < limit + 3; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
   paced.exchange.take(0.0);
@@ -205,7 +213,7 @@ TEST(Outbox, AFewFactsGoTogether) {
 }
 
 TEST(Outbox, WhatIsRefusedInOneGoIsSaidAgainWholeAndInItsPlace) {
-  Paced paced(0.0);
+  Paced paced(1e9);
   paced.network->blocked = true;
   for (std::uint32_t k = 0; k < 8; ++k) (void)paced.exchange.send(of(test::anchor(2, k)));
   paced.exchange.take(0.0);
