@@ -40,14 +40,25 @@ StreetPlan make_plan(const SimOptions& options) {
 
 /// Its index.
 std::size_t find_route(const std::vector<Route>& routes, const std::string& name) {
-  if (routes.empty()) throw SetUpError("the world has no route to drive along");
-  if (name.empty()) return 0;
   std::string known;
   for (std::size_t i = 0; i < routes.size(); ++i) {
     if (routes[i].name == name) return i;
     known += (known.empty() ? "" : ", ") + routes[i].name;
   }
   throw SetUpError("no route '" + name + "'; there are: " + known);
+}
+
+/// The index of each vehicle's.
+std::vector<std::size_t> find_routes(const std::vector<Route>& routes, const SimOptions& options) {
+  if (routes.empty()) throw SetUpError("the world has no route to drive along");
+  std::vector<std::size_t> found{0};
+  if (!options.routes.empty()) found.clear();
+  for (const std::string& name : options.routes) found.push_back(find_route(routes, name));
+  if (found.size() > static_cast<std::size_t>(options.vehicles))
+    throw SetUpError("--route names " + std::to_string(found.size()) + " routes for " +
+                     std::to_string(options.vehicles) + " vehicles; name at most one for each");
+  found.resize(static_cast<std::size_t>(options.vehicles), found.back());
+  return found;
 }
 
 TruthData truth_of(const VehicleState& state) {
@@ -135,7 +146,7 @@ struct Driven {
   Driven(const SimOptions& options, const World& world, const Route& route, std::uint32_t vehicle_number)
       : number(vehicle_number),
         follower(route, follower_params(options, vehicle_number), params),
-        start(follower.start(options.gap_m * (options.vehicles - static_cast<double>(vehicle_number)))),
+        start(follower.start(start_m(options, route, vehicle_number))),
         physics(params, *world.ground, start.x_m, start.y_m, start.yaw_rad),
         odometer(OdometerParams(), params, options.seed, vehicle_number) {
     if (options.gps != "none") {
@@ -143,6 +154,14 @@ struct Driven {
       gps_kind = options.gps == "rtk" ? GpsKind::rtk : GpsKind::standard;
       gps.emplace(gps_params, options.seed, vehicle_number);
     }
+  }
+
+  static double start_m(const SimOptions& options, const Route& route, std::uint32_t number) {
+    const double at_m = options.gap_m * (options.vehicles - static_cast<double>(number));
+    if (const RouteLine line(route, 0.0); !line.closed() && at_m >= line.length_m())
+      throw SetUpError("the " + std::to_string(options.vehicles) + " vehicles are further apart than route '" +
+                       route.name + "' is long");
+    return at_m;
   }
 
   static RouteFollowerParams follower_params(const SimOptions& options, std::uint32_t number) {
@@ -189,25 +208,21 @@ struct Driven {
 struct LiveSource::Impl {
   static std::unique_ptr<Impl> make(const SimOptions& options) {
     const StreetPlan plan = make_plan(options);
-    find_route(plan.routes, options.route);  // before the part that takes long
+    find_routes(plan.routes, options);  // before the part that takes long
     const StillAt still("building the world");
     return std::make_unique<Impl>(options, plan);
   }
 
   Impl(const SimOptions& sim_options, const StreetPlan& plan)
-      : options(sim_options),
-        world(build_world(plan, options.seed, DetailParams())),
-        route(world.routes[find_route(world.routes, options.route)]) {
-    const RouteLine line(route, 0.0);
-    const double rear_m = options.gap_m * (options.vehicles - 1);
-    if (!line.closed() && rear_m >= line.length_m())
-      throw SetUpError("the " + std::to_string(options.vehicles) + " vehicles are further apart than route '" +
-                       route.name + "' is long");
-    distance_m = options.distance_m.value_or(options.duration_s ? 1e9 : line.length_m());
+      : options(sim_options), world(build_world(plan, options.seed, DetailParams())) {
+    const std::vector<std::size_t> routes = find_routes(world.routes, options);
+    const RouteLine first(world.routes[routes.front()], 0.0);
+    distance_m = options.distance_m.value_or(options.duration_s ? 1e9 : first.length_m());
     if (options.traffic) traffic.emplace(world, options.seed);
     first_body = add_bodies(world, options.vehicles, options.seed);
-    for (int number = 1; number <= options.vehicles; ++number)
-      driven.push_back(std::make_unique<Driven>(options, world, route, static_cast<std::uint32_t>(number)));
+    for (const std::size_t route : routes)
+      driven.push_back(
+          std::make_unique<Driven>(options, world, world.routes[route], static_cast<std::uint32_t>(driven.size() + 1)));
     const auto textures = mip_textures(world.scene);
     cameras.resize(driven.size());
     in_parallel([&](std::size_t i) {
@@ -272,7 +287,6 @@ struct LiveSource::Impl {
 
   const SimOptions options;
   World world;
-  const Route& route;
   double distance_m = 0.0;
   std::optional<Traffic> traffic;
   std::uint32_t first_body = 0;  // object of vehicle 1

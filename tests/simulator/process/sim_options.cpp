@@ -48,7 +48,10 @@ const CLI::Validator picture_size(
 void add_world(CLI::App& app, SimOptions& options) {
   app.add_option("--world", options.world, "district (a generated one, the default), or a file of OpenStreetMap XML");
   app.add_option("--seed", options.seed, "of everything that is drawn at random (default: 1)")->check(whole_number);
-  app.add_option("--route", options.route, "by name, see --list-routes (default: the first)");
+  app.add_option("--route", options.routes,
+                 "by name, see --list-routes, of each vehicle, comma-separated; the last one is that of those who "
+                 "follow (default: the first)")
+      ->delimiter(',');
   app.add_flag("--traffic", options.traffic, "other cars drive, too");
   app.add_flag("--list-routes", options.list_routes, "say which routes the world has, and end");
 }

@@ -14,7 +14,7 @@ struct SimOptions {
   // What there is.
   std::string world = "district";  ///< or a file of OpenStreetMap XML
   std::uint32_t seed = 1;
-  std::string route;  ///< empty: the first
+  std::vector<std::string> routes;  ///< of each vehicle; the last one is that of those who follow. Empty: the first
   bool traffic = false;
 
   // Who drives.

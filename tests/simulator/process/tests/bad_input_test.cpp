@@ -39,6 +39,8 @@ TEST(Options, AreChecked) {
   expect_refused("--replay x --seed 2", "--seed");
   expect_refused("--fast", "--fast");
   expect_refused("--route nowhere" + block, "no route 'nowhere'");
+  expect_refused("--vehicles 2 --route loop,loop,loop" + block, "names 3 routes for 2 vehicles");
+  expect_refused("--vehicles 2 --route loop,nowhere" + block, "no route 'nowhere'");
   expect_refused("--lock-step --vehicles 1 --wait-for 2 --world none.osm", "there are only 1 vehicles");
 }
 

@@ -110,6 +110,19 @@ TEST(LockStep, AnAnswerThatIsNoneEndsNobody) {
   EXPECT_NE(fleet.sim->output().find("vehicle 1 did not appear"), std::string::npos) << fleet.sim->output();
 }
 
+TEST(Routes, EachVehicleDrivesItsOwn) {
+  const ScratchFolder scratch;
+  const auto drive = [&](const std::string& name, const std::string& arguments, std::size_t vehicles) {
+    Fleet fleet(arguments + " --record " + (scratch / name).string() + small, std::vector<std::string>(vehicles));
+    fleet.expect_success();
+  };
+  drive("two", "--vehicles 2 --route loop,loop_opposite", 2);
+  drive("one", "--route loop_opposite", 1);
+  const std::string truth = read_text(scratch / "two/vehicle_2/truth.csv");
+  EXPECT_EQ(truth, read_text(scratch / "one/vehicle_1/truth.csv"));
+  EXPECT_NE(truth, read_text(scratch / "two/vehicle_1/truth.csv"));
+}
+
 TEST(Topics, TheTruthIsOnADomainOfItsOwn) {
   const ScratchFolder scratch;
   Fleet fleet("--truth-depth --record " + (scratch / "recording").string() + small,
