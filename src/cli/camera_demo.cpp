@@ -24,40 +24,44 @@ std::vector<VehicleId> ids_of(const Scenario<SE3>& scenario) {
   return ids;
 }
 
+/// Where the one behind starts.
+StaticPrior<SE3> prior_of_paper() {
+  const StreetParams paper;  // that of the landmark-level run
+  const double circle_m = paper.prior_circle_m / std::sqrt(chi2_quantile(0.95, 2.0));
+  SE3::Tangent sigma;
+  sigma << circle_m, circle_m, paper.prior_height_sigma_m, paper.prior_tilt_sigma_rad, paper.prior_tilt_sigma_rad,
+      paper.prior_heading_sigma_rad;
+  return {SE3(), sigma};
+}
+
 }  // namespace
 
 bool can_drive_with_cameras() {
   return std::filesystem::exists(camera_program()) && std::filesystem::exists(simulator_program());
 }
 
-Scenario<SE3> camera_scenario(std::uint64_t seed, std::optional<double> distance_m) {
-  const StreetParams paper;  // the prior is that of the landmark-level run
+Scenario<SE3> camera_scenario(std::uint64_t seed, const CameraStreets& streets) {
   Scenario<SE3> scenario;
   scenario.name = "camera";
-  scenario.source = "convoy sim, the generated district, two vehicles with cameras";
+  scenario.source = "convoy sim, " + (streets.world.empty() ? "the generated district" : streets.world) + ", " +
+                    std::to_string(streets.vehicles) + " vehicles with cameras";
   scenario.seed = seed;
   scenario.common_frame_vehicle = 1;
-  scenario.duration_s = distance_m ? *distance_m / speed_mps : loop_s;
-  scenario.vehicles.resize(2);
-  scenario.vehicles[0].id = 1;
-  scenario.vehicles[0].prior = StaticPrior<SE3>{};
-  scenario.vehicles[1].id = 2;
-  const double circle_m = paper.prior_circle_m / std::sqrt(chi2_quantile(0.95, 2.0));
-  SE3::Tangent sigma;
-  sigma << circle_m, circle_m, paper.prior_height_sigma_m, paper.prior_tilt_sigma_rad, paper.prior_tilt_sigma_rad,
-      paper.prior_heading_sigma_rad;
-  scenario.vehicles[1].prior = StaticPrior<SE3>{SE3(), sigma};
+  scenario.duration_s = streets.distance_m ? *streets.distance_m / speed_mps : loop_s;
+  scenario.vehicles.resize(static_cast<std::size_t>(streets.vehicles));
+  for (VehicleId id = 1; VehicleLog<SE3> & vehicle : scenario.vehicles) vehicle.id = id++;
+  scenario.vehicles.front().prior = StaticPrior<SE3>{};
+  if (streets.vehicles == 2 && streets.routes.size() < 2) scenario.vehicles.back().prior = prior_of_paper();
   return scenario;
 }
 
 CameraDrive::CameraDrive(const std::filesystem::path& run_folder, const Scenario<SE3>& scenario,
-                         std::uint32_t fleet_domain, std::optional<double> distance_m)
+                         std::uint32_t fleet_domain, const CameraStreets& streets)
     : folder_(run_folder),
       seed_(scenario.seed),
-      vehicles_(scenario.vehicles.size()),
+      streets_(streets),
       sensor_domain_(free_domain_beside(fleet_domain, 10)),
       truth_domain_(free_domain_beside(fleet_domain, 20)),
-      distance_m_(distance_m),
       truth_(truth_domain_, run_folder, ids_of(scenario)) {}
 
 void CameraDrive::equip(VehicleConfig<SE3>& config) const {
@@ -70,7 +74,7 @@ void CameraDrive::start() {
   const auto text = [](double value) { return std::to_string(value); };
   std::vector<std::string> command{simulator_program().string(),
                                    "--vehicles",
-                                   std::to_string(vehicles_),
+                                   std::to_string(streets_.vehicles),
                                    "--gap",
                                    text(gap_m),
                                    "--speed",
@@ -85,7 +89,9 @@ void CameraDrive::start() {
                                    std::to_string(sensor_domain_),
                                    "--domain-truth",
                                    std::to_string(truth_domain_)};
-  if (distance_m_) command.insert(command.end(), {"--distance", text(*distance_m_)});
+  if (streets_.distance_m) command.insert(command.end(), {"--distance", text(*streets_.distance_m)});
+  if (!streets_.world.empty()) command.insert(command.end(), {"--world", streets_.world});
+  for (const std::string& route : streets_.routes) command.insert(command.end(), {"--route", route});
   simulator_ = std::make_unique<ChildProcess>(command, folder_ / "simulator.txt");
 }
 

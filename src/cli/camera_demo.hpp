@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "child_process.hpp"
 #include "scenario/scenario.hpp"
@@ -18,15 +19,22 @@ namespace convoy::cli {
 /// This program has cameras, and the simulator lies beside it.
 bool can_drive_with_cameras();
 
-/// Two vehicles in the simulator's streets, one 20 m behind the other at 2 m/s, once along the route or so far. The one
-/// in front is the common frame; where the one behind starts is known to within 22 m (paper, Section V). No sensor log,
-/// and no truth yet.
-Scenario<SE3> camera_scenario(std::uint64_t seed, std::optional<double> distance_m = std::nullopt);
+/// Who drives where in the simulator's streets, at 2 m/s. Of those on one route each is 20 m behind the one before.
+struct CameraStreets {
+  std::string world;                 ///< file of OpenStreetMap XML; empty: the generated district
+  std::vector<std::string> routes;   ///< of each vehicle, see convoy sim --route; empty: the world's first
+  int vehicles = 2;                  ///< 1 to 100
+  std::optional<double> distance_m;  ///< of the first vehicle, > 0; default: once along its route
+};
+
+/// The first vehicle is the common frame. Of two on one route it is known to within 22 m where the one behind starts
+/// (paper, Section V); else nobody knows of the others. No sensor log, and no truth yet.
+Scenario<SE3> camera_scenario(std::uint64_t seed, const CameraStreets& streets);
 
 class CameraDrive {
  public:
   CameraDrive(const std::filesystem::path& run_folder, const Scenario<SE3>& scenario, std::uint32_t fleet_domain,
-              std::optional<double> distance_m = std::nullopt);
+              const CameraStreets& streets);
 
   /// Gives the vehicle its camera.
   void equip(VehicleConfig<SE3>& config) const;
@@ -46,9 +54,8 @@ class CameraDrive {
  private:
   std::filesystem::path folder_;
   std::uint64_t seed_;
-  std::size_t vehicles_;
+  CameraStreets streets_;
   std::uint32_t sensor_domain_, truth_domain_;
-  std::optional<double> distance_m_;
   TruthListener truth_;
   std::unique_ptr<ChildProcess> simulator_;
   double began_s_ = 0.0, ended_s_ = 0.0,

@@ -21,7 +21,6 @@
 #include <thread>
 #include <vector>
 
-#include "camera_demo.hpp"
 #include "child_process.hpp"
 #include "evaluate/evaluate.hpp"
 #include "evaluate/run_folder.hpp"
@@ -118,7 +117,7 @@ class Demo {
     std::printf("      %s, %zu vehicles, %.0f s%s\n", scenario_.name.c_str(), scenario_.vehicles.size(),
                 scenario_.duration_s, cameras_ ? ", in lock-step" : (" at " + number(options_.rate) + "x").c_str());
     if constexpr (G::Dim == 3)
-      if (cameras_) camera_ = std::make_unique<CameraDrive>(options_.out, scenario_, domain_, options_.distance_m);
+      if (cameras_) camera_ = std::make_unique<CameraDrive>(options_.out, scenario_, domain_, options_.streets);
     write_configs();
     std::printf("[2/4] driving: one process per vehicle, DDS domain %u on 127.0.0.1, run folder %s\n", domain_,
                 options_.out.c_str());
@@ -143,7 +142,7 @@ class Demo {
 
   Scenario<G> plan() const {
     if constexpr (G::Dim == 3)
-      if (cameras_) return camera_scenario(options_.seed, options_.distance_m);
+      if (cameras_) return camera_scenario(options_.seed, options_.streets);
     return make_scenario<G>(options_);
   }
 

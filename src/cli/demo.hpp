@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "camera_demo.hpp"
 #include "scenario/scenario.hpp"
 
 namespace convoy::cli {
@@ -22,7 +23,7 @@ struct DemoOptions {
   bool space = false;                   ///< the street climbs and falls, and everything is SE(3)
   std::uint64_t seed = 1;               ///< of the street, and of the priors of victoria-park
   double rate = 10.0;                   ///< vehicle seconds per second, > 0; with cameras, as fast as it goes
-  std::optional<double> distance_m;     ///< of the drive with cameras, > 0; default: once along the route
+  CameraStreets streets;                ///< of the drive with cameras
   std::string impair;                   ///< Impairments::parse; the network of every vehicle
   bool literal = false;                 ///< the paper's own method: literal drift, EKF map, Fig. 5 search
   bool encounters = false;              ///< vehicles that see each other say so (the paper's do not)

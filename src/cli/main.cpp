@@ -57,8 +57,17 @@ int main(int argc, char** argv) {
   auto* demo_command = app.add_subcommand("demo", "Drive a fleet on this machine, one process per vehicle, and report");
   demo.out = "convoy-demo";
   demo_command
-      ->add_option("--distance", demo.distance_m, "metres that the cameras drive, 1 to 100000 (default: once around)")
+      ->add_option("--distance", demo.streets.distance_m,
+                   "metres that the cameras drive, 1 to 100000 (default: once around)")
       ->check(CLI::Range(1.0, 100000.0));
+  demo_command->add_option("--world", demo.streets.world, "OpenStreetMap XML file of the streets that the cameras see")
+      ->check(CLI::ExistingFile);
+  demo_command
+      ->add_option("--route", demo.streets.routes,
+                   "of each vehicle, comma-separated, by convoy sim --list-routes (default: the world's first)")
+      ->delimiter(',');
+  demo_command->add_option("--vehicles", demo.streets.vehicles, "that have cameras, 1 to 10 (default: 2)")
+      ->check(CLI::Range(1, 10));
   demo_command->add_flag("--fast", demo.fast,
                          "sensors that measure landmarks, in place of cameras and a simulator that shows them streets");
   demo_command->add_option("--out", demo.out, "run folder to make (default: convoy-demo)");
@@ -90,14 +99,20 @@ int main(int argc, char** argv) {
       "loopback, loopback_udp, lan, lossy_radio, low_bandwidth, or an XML profile file of one's own "
       "(default: loopback_udp)");
   demo_command->callback([&] {
-    for (const char* of_landmarks : {"--rate", "--encounters"})
-      if (cli::drives_with_cameras(demo) && dataset.empty() && demo_command->count(of_landmarks) > 0)
-        throw ConfigError(std::string("demo: ") + of_landmarks +
-                          " is of sensors that measure landmarks; give --fast, too, or --dataset or --space");
     if (!dataset.empty()) {
       demo.dataset = dataset[0];
       demo.dataset_folder = dataset[1];
     }
+    const bool has_landmarks = demo.fast || demo.space || !demo.dataset.empty();
+    for (const char* of_cameras : {"--distance", "--world", "--route", "--vehicles"})
+      if (has_landmarks && demo_command->count(of_cameras) > 0)
+        throw ConfigError(std::string("demo: ") + of_cameras +
+                          " is of cameras in the simulator's streets: leave out "
+                          "--fast, --space and --dataset");
+    for (const char* of_landmarks : {"--rate", "--encounters"})
+      if (cli::drives_with_cameras(demo) && demo_command->count(of_landmarks) > 0)
+        throw ConfigError(std::string("demo: ") + of_landmarks +
+                          " is of sensors that measure landmarks; give --fast, too, or --dataset or --space");
     status = cli::run_demo(demo);
   });
 

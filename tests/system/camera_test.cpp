@@ -89,6 +89,15 @@ TEST_F(CameraVehicle, ADemoOfTwoIsJudgedByWhatTheirPixelsShow) {
   EXPECT_TRUE(fs::exists(run / "report.html"));
 }
 
+TEST_F(CameraVehicle, ADemoOfLandmarksRefusesWhatIsOfCameras) {
+  for (const std::string words : {"--route loop", "--vehicles 3", "--distance 100"}) {
+    const Outcome outcome = run_convoy("demo --fast " + words + " --out " + (scratch_ / "run").string());
+    EXPECT_EQ(outcome.status, 2) << outcome.output;
+    EXPECT_NE(outcome.output.find("is of cameras in the simulator's streets: leave out --fast"), std::string::npos)
+        << outcome.output;
+  }
+}
+
 TEST_F(CameraVehicle, ADemoWithCamerasRefusesWhatIsOfLandmarks) {
   const Outcome outcome = run_convoy("demo --rate 20 --out " + (scratch_ / "run").string());
   EXPECT_EQ(outcome.status, 2) << outcome.output;
