@@ -100,7 +100,8 @@ Facts Life::facts() {
 Facts read_facts(const fs::path& file) {
   Facts facts;
   std::ifstream in(file);
-  for (std::string line; std::getline(in, line) && !in.eof();) {
+  for (std::string line; std::getline(in, line);) {
+    if (line.empty() || line.back() != '.') continue;  // its writer was killed meanwhile
     std::istringstream words(line);
     int kind = 0;
     Key key;

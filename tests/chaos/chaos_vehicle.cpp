@@ -1,5 +1,5 @@
 // A whole vehicle in a process of its own: convoy_chaos_vehicle PROFILES DOMAIN VEHICLE STATE_FOLDER STATED [OPTION...]
-// It appends a line "KIND VEHICLE EPOCH INDEX HASH" to the file STATED for each fact of its own, once that is stated
+// It appends a line "KIND VEHICLE EPOCH INDEX HASH ." to the file STATED for each fact of its own, once that is stated
 // (and in the journal). Options: no_journal, loss=PROBABILITY, and as often as needed block=VEHICLE. Prints "ready
 // EPOCH" or "error WHAT". Driven by lines on standard input:
 //   segment       drives on and states a segment, prints "stated COUNT"
@@ -35,7 +35,7 @@ double steady_s() { return std::chrono::duration<double>(std::chrono::steady_clo
 template <class Fact>
 void write(std::ostream& out, const Fact& fact) {
   out << static_cast<int>(kind_of<Fact>) << ' ' << fact.key.chain.vehicle << ' ' << fact.key.chain.epoch << ' '
-      << fact.key.index << ' ' << hash_of(fact) << '\n';
+      << fact.key.index << ' ' << hash_of(fact) << " .\n";
 }
 
 /// Drives straight on, past two landmarks in each segment: too few to be recognised, since what is tried here is
@@ -66,7 +66,7 @@ class Road {
 
 class StatedFacts {
  public:
-  explicit StatedFacts(const std::string& file) : out_(file, std::ios::app) {}
+  explicit StatedFacts(const std::string& file) : out_(file, std::ios::app) { out_ << '\n'; }  // after a cut line
   /// Writes what is new.
   std::uint64_t note(Vehicle<SE2>& vehicle) {
     vehicle.inspect([&](SubmapManager<SE2>& manager, auto&) {

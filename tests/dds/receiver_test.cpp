@@ -1,6 +1,6 @@
 // When the thread that empties the readers does so.
-#include <convoy/dds/receiver.hpp>
 #include <gtest/gtest.h>
+#include <convoy/dds/receiver.hpp>
 
 #include <atomic>
 #include <future>
