@@ -16,10 +16,9 @@
 namespace convoy {
 
 struct BudgetParams {
-  double bytes_per_s = 0.0;  ///< of this vehicle, everything included, >= 0; 0: no limit
-  double burst_s = 1.0;      ///< a budget unused for so long may be spent at once, > 0
-  std::uint32_t batch_limit =
-      20;  ///< landmarks per message; with a budget, the size of what is said again in one go; 1..64
+  double bytes_per_s = 0.0;        ///< of this vehicle, everything included, >= 0; 0: no limit
+  double burst_s = 1.0;            ///< a budget unused for so long may be spent at once, > 0
+  std::uint32_t batch_limit = 20;  ///< landmarks per message; on a budget, also of what is said again in one go; 1..64
   std::size_t max_waiting = 1'000'000;  ///< facts; what comes beyond is left to the repair protocol, >= 1
 };
 
