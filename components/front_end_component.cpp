@@ -46,6 +46,7 @@ FrontEndComponent<G>::FrontEndComponent(FrontEnd<G>& front_end, SubmapManager<G>
   if constexpr (G::Dim == 3) {  // a SLAM that keeps a tilt bounded knows what is up: the z axis of its frame
     if (params_.persistent.bounded()) params_.persistent.up = start_.pose.rotation().row(2).transpose();
   }
+  params_.persistent.scales_landmarks = params_.persistent.scale > 0.0 && front_end_.scales_landmarks();
   state_.stamp_s = start_.stamp_s;
   front_end_.take_segments();  // what converged before this chain began belongs to no anchor of it
 }

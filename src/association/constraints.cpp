@@ -4,6 +4,7 @@
 #include <convoy/geometry/covariance.hpp>
 #include <convoy/geometry/groups.hpp>
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -95,7 +96,36 @@ Batch<G> batch_of(const FactStore<G>& store, const Key& anchor) {
   const auto& chain = store.chains().at(anchor.chain);
   if (const auto it = chain.batches.find(anchor.index); it != chain.batches.end())
     for (const std::uint32_t index : it->second) batch.landmarks.push_back(chain.landmarks.at(index));
+  add_scale_error(batch.landmarks, landmark_scale_sigma(store, anchor.chain));
   return batch;
+}
+
+template <class G>
+double landmark_scale_sigma(const FactStore<G>& store, const ChainId& chain) {
+  const PriorFact<G>* prior = store.prior(chain);
+  return prior != nullptr && prior->persistent.scales_landmarks ? prior->persistent.scale : 0.0;
+}
+
+// The columns of [L, sigma l], turned so that the strongest come first; what the weakest says becomes each one's own.
+template <class G>
+void add_scale_error(std::vector<LandmarkFact<G>>& landmarks, double sigma) {
+  if (sigma == 0.0) return;
+  constexpr int Columns = G::Shared + 1;
+  using Gram = Eigen::Matrix<double, Columns, Columns>;
+  using Wide = Eigen::Matrix<double, G::Dim, Columns>;
+  const auto with_scale = [&](const LandmarkFact<G>& l) {
+    Wide all;
+    all << l.loading, sigma * l.position;
+    return all;
+  };
+  Gram gram = Gram::Zero();
+  for (const LandmarkFact<G>& l : landmarks) gram += with_scale(l).transpose() * with_scale(l);
+  const Eigen::SelfAdjointEigenSolver<Gram> eigen(gram);  // ascending
+  for (LandmarkFact<G>& l : landmarks) {
+    const typename G::Loading strongest = with_scale(l) * eigen.eigenvectors().template rightCols<G::Shared>();
+    l.covariance += sigma * sigma * l.position * l.position.transpose();
+    l.loading = (1.0 - 1e-6) * strongest;  // so that rounding leaves the landmark's own part positive
+  }
 }
 
 template <class G>
@@ -177,6 +207,8 @@ bool HeadingCompatibility<G>::operator()(int i1, int j1, int i2, int j2) const {
                                                           const DriftSlack&);                          \
   template bool complete(const FactStore<G>&, const Key&);                                             \
   template Batch<G> batch_of(const FactStore<G>&, const Key&);                                         \
+  template void add_scale_error(std::vector<LandmarkFact<G>>&, double);                                \
+  template double landmark_scale_sigma(const FactStore<G>&, const ChainId&);                           \
   template class IndividualCompatibility<G>;                                                           \
   template class HeadingCompatibility<G>;                                                              \
   template DistanceTable::DistanceTable(const Batch<G>&, const std::vector<bool>&);

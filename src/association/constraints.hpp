@@ -64,9 +64,18 @@ std::optional<RelativePrior<G>> relative_prior(const FactStore<G>& store, const 
 template <class G>
 bool complete(const FactStore<G>& store, const Key& anchor);
 
-/// Batch `anchor` from the store, landmarks held so far.
+/// Batch `anchor` from the store, landmarks held so far, in metres.
 template <class G>
 Batch<G> batch_of(const FactStore<G>& store, const Key& anchor);
+
+/// Adds to landmarks what a scale of this standard deviation, which they have in common, adds to their covariances: to
+/// their loadings, as far as it is among the G::Shared strongest components of what they share then.
+template <class G>
+void add_scale_error(std::vector<LandmarkFact<G>>& landmarks, double sigma);
+
+/// The standard deviation of the scale of a chain's landmarks; 0: they are in metres, or its start is not known yet.
+template <class G>
+double landmark_scale_sigma(const FactStore<G>& store, const ChainId& chain);
 
 /// Unary constraint: eq. 5, nu^T C^-1 nu < chi2(d, alpha), with nu = l_i - T_a_b l_j and the covariances of both
 /// landmarks and of T_a_b in C. No prior: everything is compatible.

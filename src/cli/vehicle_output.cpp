@@ -173,7 +173,8 @@ std::string facts_lines(const FactStore<G>& store) {
             {"mean", pose_list(f.mean)},
             {"covariance", upper_of(f.covariance)},
             {"scale_sigma", f.persistent.scale},
-            {"heading_sigma_rad_per_m", f.persistent.heading_rad_per_m}});
+            {"heading_sigma_rad_per_m", f.persistent.heading_rad_per_m},
+            {"scales_landmarks", f.persistent.scales_landmarks}});
     for (const auto& [i, f] : chain.anchors)
       line("anchor", f.key,
            {{"stamp_s", f.state.stamp_s},

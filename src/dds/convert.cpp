@@ -61,6 +61,7 @@ WireStatus to_wire(const ChainId& sender, const PriorFact<G>& fact, v1::Prior& s
   sample.height_sigma(fact.persistent.height_m);
   sample.correlation(fact.persistent.correlation_m);
   sample.up(to_wire_unless_zero(fact.persistent.up));
+  sample.scales_landmarks(fact.persistent.scales_landmarks);
   return pack(fact.covariance, sample.covariance());
 }
 
@@ -73,6 +74,7 @@ WireStatus from_wire(const v1::Prior& sample, Message<G>& message) {
   fact.known = sample.known();
   PersistentDrift& p = fact.persistent;
   p = {sample.scale_sigma(), sample.heading_sigma(), sample.tilt_sigma(), sample.height_sigma(), sample.correlation()};
+  p.scales_landmarks = sample.scales_landmarks();
   const bool finite = all_finite({p.scale, p.heading_rad_per_m, p.tilt_rad, p.height_m, p.correlation_m});
   const WireStatus content =
       first_refusal(from_coordinates(sample.mean(), fact.mean), unpack(sample.covariance(), fact.covariance),

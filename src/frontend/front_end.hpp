@@ -92,6 +92,9 @@ class FrontEnd {
   /// exported under, which must then be unique; others may be among them. What is not usable (see RelativeLandmarks) is
   /// counted and left out (FrontEndComponent::remembered_unfit). Called at every live pose and snapshot.
   virtual RelativeLandmarks<G> remembered() const { return {}; }
+  /// True if the world is measured by the odometer, as with a single camera: an error of its scale is then one of all
+  /// landmarks, too (PersistentDrift::scales_landmarks). Asked once, at the beginning of a chain.
+  virtual bool scales_landmarks() const { return false; }
   /// Segments closed since the last call, oldest first; none closes later than state().
   virtual std::vector<Segment<G>> take_segments() = 0;
 };

@@ -66,15 +66,20 @@ struct BoundedResidual {
   }
 };
 
-/// F2: r = T^-1 m - l.
+/// F2: r = T^-1 m - (1 + kappa) l.
 template <class G>
 struct LandmarkResidual {
-  LandmarkResidual(const LandmarkFactor<G>& f, const G& T, const typename G::Point& m) : J_m(T.rotation().transpose()) {
+  LandmarkResidual(const LandmarkFactor<G>& f, const G& T, const typename G::Point& m,
+                   const Constants<G>& c = Constants<G>::Zero())
+      : J_m(T.rotation().transpose()) {
     const typename G::Point q = J_m * (m - T.translation());
-    r = q - f.position;
+    r = q - (1.0 + c[0]) * f.position;
     J_T = -G().act_jacobian(q);  // d(T^-1 m) = -[I, J q] d_T
+    J_c.setZero();
+    J_c.col(0) = -f.position;
   }
   typename G::Point r;
+  Eigen::Matrix<double, G::Dim, Constants<G>::RowsAtCompileTime> J_c;
   typename G::PointJacobian J_T;
   typename G::PointCovariance J_m;
 };

@@ -59,7 +59,7 @@ LinearFactors<G>::LinearFactors(const Problem<G>& p) : problem_(p) {
 
 template <class G>
 void LinearFactors<G>::add(Kind kind, std::size_t index, std::initializer_list<int> unknowns) {
-  factors_.push_back({kind, index, unknowns_.size(), unknowns.size()});
+  factors_.push_back({kind, index, unknowns_.size(), unknowns.size(), 0});
   unknowns_.insert(unknowns_.end(), unknowns);
 }
 
@@ -76,17 +76,24 @@ void LinearFactors<G>::add_landmarks() {
     const int node = (*first)->node;
     const auto last = std::find_if(first, by_node_.end(), [&](const auto* l) { return l->node != node; });
     const auto shares = std::stable_partition(first, last, [](const auto* l) { return l->loading < 0; });
-    for (auto l = first; l != shares; ++l)
-      add(Kind::landmarks, static_cast<std::size_t>(l - by_node_.begin()),
-          {node, problem_.unknown_of_point((*l)->point)});
-    if (shares != last) {
-      add(Kind::landmarks, static_cast<std::size_t>(shares - by_node_.begin()), {node});
-      for (auto l = shares; l != last; ++l) unknowns_.push_back(problem_.unknown_of_point((*l)->point));
-      factors_.back().unknowns += static_cast<std::size_t>(last - shares);
-    }
+    const auto number = [&](auto l) { return static_cast<std::size_t>(l - by_node_.begin()); };
+    for (auto l = first; l != shares; ++l) add_landmarks(number(l), number(l) + 1);
+    if (shares != last) add_landmarks(number(shares), number(last));
     for (auto l = first; l != last; ++l) index_of_.push_back((*l)->landmark.index);
     first = last;
   }
+}
+
+// Those of by_node_, as one factor.
+template <class G>
+void LinearFactors<G>::add_landmarks(std::size_t first, std::size_t end) {
+  const LandmarkFactor<G>& one = *by_node_[first];
+  add(Kind::landmarks, first, {one.node});
+  for (std::size_t l = first; l != end; ++l) unknowns_.push_back(problem_.unknown_of_point(by_node_[l]->point));
+  if (one.constants >= 0) unknowns_.push_back(problem_.unknown_of_constants(one.constants));
+  Factor& f = factors_.back();
+  f.unknowns = unknowns_.size() - f.first_unknown;
+  f.landmarks = end - first;
 }
 
 template <class G>
@@ -101,7 +108,7 @@ Eigen::MatrixXd LinearFactors<G>::information(int k) const {
     case Kind::encounter: return inverse_covariance(problem_.encounters[f.index].covariance);
     case Kind::landmarks: break;
   }
-  const auto n = static_cast<Eigen::Index>(landmarks_in(f));
+  const auto n = static_cast<Eigen::Index>(f.landmarks);
   if (n == 1) return inverse_covariance(landmark(f, 0).covariance);
   Eigen::MatrixXd loading(G::Dim * n, G::Shared);
   for (Eigen::Index i = 0; i < n; ++i)
@@ -165,26 +172,33 @@ template <class G>
 double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, const State<G>& state,
                                    LinearTerm* term) const {
   const G& T = state.pose(landmark(f, 0).node);
-  if (landmarks_in(f) == 1) {
+  const int constants = landmark(f, 0).constants;
+  const Constants<G> c = state.constants_of(constants);
+  if (f.landmarks == 1) {
     const LandmarkFactor<G>& l = landmark(f, 0);
-    const LandmarkResidual<G> one(l, T, state.point(l.point));
-    return accumulate(W, one.r, term, one.J_T, one.J_m);
+    const LandmarkResidual<G> one(l, T, state.point(l.point), c);
+    if (constants < 0) return accumulate(W, one.r, term, one.J_T, one.J_m);
+    return accumulate(W, one.r, term, one.J_T, one.J_m, one.J_c);
   }
-  const auto n = static_cast<Eigen::Index>(landmarks_in(f));
+  constexpr int C = Constants<G>::RowsAtCompileTime;
+  const auto n = static_cast<Eigen::Index>(f.landmarks);
   const typename G::PointCovariance J_m = T.rotation().transpose();
   Eigen::VectorXd r(G::Dim * n);
   Eigen::Matrix<double, Eigen::Dynamic, G::Dof> J_T(G::Dim * n, G::Dof);
+  Eigen::Matrix<double, Eigen::Dynamic, C> J_c(G::Dim * n, C);
   for (Eigen::Index i = 0; i < n; ++i) {
     const LandmarkFactor<G>& l = landmark(f, static_cast<std::size_t>(i));
-    const LandmarkResidual<G> one(l, T, state.point(l.point));
+    const LandmarkResidual<G> one(l, T, state.point(l.point), c);
     r.template segment<G::Dim>(G::Dim * i) = one.r;
     J_T.template middleRows<G::Dim>(G::Dim * i) = one.J_T;
+    J_c.template middleRows<G::Dim>(G::Dim * i) = one.J_c;
   }
   const Eigen::VectorXd Wr = W.lazyProduct(r);  // too small for Eigen's packed kernels
   if (term == nullptr) return r.dot(Wr);
+  const Eigen::Index at_c = G::Dof + G::Dim * n, size = at_c + (constants < 0 ? 0 : C);
   const Eigen::Matrix<double, Eigen::Dynamic, G::Dof> WJ = W.lazyProduct(J_T);
-  term->H.resize(G::Dof + G::Dim * n, G::Dof + G::Dim * n);
-  term->b.resize(G::Dof + G::Dim * n);
+  term->H.resize(size, size);
+  term->b.resize(size);
   term->H.template topLeftCorner<G::Dof, G::Dof>() = J_T.transpose().lazyProduct(WJ);
   term->b.template head<G::Dof>() = -(J_T.transpose() * Wr);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -196,6 +210,16 @@ double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, co
     for (Eigen::Index j = 0; j < n; ++j)
       term->H.template block<G::Dim, G::Dim>(row, G::Dof + G::Dim * j) =
           J_m.transpose() * W.template block<G::Dim, G::Dim>(G::Dim * i, G::Dim * j) * J_m;
+  }
+  if (constants >= 0) {
+    const Eigen::Matrix<double, Eigen::Dynamic, C> WJ_c = W.lazyProduct(J_c);
+    term->H.template topRightCorner<G::Dof, C>() = J_T.transpose().lazyProduct(WJ_c);
+    for (Eigen::Index i = 0; i < n; ++i)
+      term->H.template block<G::Dim, C>(G::Dof + G::Dim * i, at_c) =
+          J_m.transpose() * WJ_c.template middleRows<G::Dim>(G::Dim * i);
+    term->H.template bottomRightCorner<C, C>() = J_c.transpose().lazyProduct(WJ_c);
+    term->H.bottomLeftCorner(C, at_c) = term->H.topRightCorner(at_c, C).transpose();
+    term->b.template tail<C>() = -(J_c.transpose() * Wr);
   }
   return r.dot(Wr);
 }
@@ -228,7 +252,7 @@ bool LinearFactors<G>::says_the_same(int k, const LinearFactors& other, int k_ot
   const auto first = [](const LinearFactors& of, const Factor& factor) {
     return of.index_of_.begin() + static_cast<std::ptrdiff_t>(factor.index);
   };
-  return std::equal(first(*this, f), first(*this, f) + static_cast<std::ptrdiff_t>(landmarks_in(f)), first(other, g));
+  return std::equal(first(*this, f), first(*this, f) + static_cast<std::ptrdiff_t>(f.landmarks), first(other, g));
 }
 
 template <class G>

@@ -38,11 +38,12 @@ class LinearFactors {
   struct Factor {
     Kind kind;
     std::size_t index;                    // within its kind; of landmarks: the first one in by_node_
-    std::size_t first_unknown, unknowns;  // in unknowns_; of landmarks: the node, then the points
+    std::size_t first_unknown, unknowns;  // in unknowns_; of landmarks: the node, the points, whose scale they have
+    std::size_t landmarks = 0;
   };
   void add(Kind kind, std::size_t index, std::initializer_list<int> unknowns);
   void add_landmarks();
-  std::size_t landmarks_in(const Factor& f) const { return f.unknowns - 1; }
+  void add_landmarks(std::size_t first, std::size_t end);
   const LandmarkFactor<G>& landmark(const Factor& f, std::size_t i) const { return *by_node_[f.index + i]; }
   double landmarks(const Factor& f, const Eigen::MatrixXd& W, const State<G>& state, LinearTerm* term) const;
 

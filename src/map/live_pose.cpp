@@ -23,11 +23,16 @@ struct Remembered {
 template <class G>
 Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
   Remembered<G> known;
+  const double scale = map.map->landmark_scale(live.chain);
+  const double variance = scale == 1.0 ? 0.0 : std::pow(map.map->constants(live.chain)->sigma[0], 2);
   for (const RememberedLandmark<G>& l : live.remembered) {
     const std::optional<int> at = map.class_of.find({live.chain, l.index});
     if (!at || std::find(known.at.begin(), known.at.end(), *at) != known.at.end()) continue;
     known.landmarks.push_back(l);
-    known.landmarks.back().covariance = positive_part(l.covariance);
+    RememberedLandmark<G>& last = known.landmarks.back();
+    last.position *= scale;
+    last.covariance =
+        positive_part(typename G::PointCovariance(l.covariance + variance * l.position * l.position.transpose()));
     known.at.push_back(*at);
   }
   return known;

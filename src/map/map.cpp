@@ -194,14 +194,28 @@ std::optional<Surroundings<G>> Map<G>::surroundings(const ChainId& chain, const 
 template <class G>
 std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, const LandmarkFact<G>& l) {
   const AnchorFact<G>* anchor = store.anchor(l.anchor_key());
-  if (anchor == nullptr) return std::nullopt;
-  const auto estimate = pose(l.key.chain, anchor->state);
-  if (!estimate) return std::nullopt;
-  const typename G::PointJacobian H = estimate->mean.act_jacobian(l.position);
-  const auto R = estimate->mean.rotation();
-  return PointEstimate<G>{estimate->mean * l.position,
-                          symmetrised(typename G::PointCovariance(H * estimate->covariance * H.transpose() +
-                                                                  R * l.covariance * R.transpose()))};
+  const ChainSpan* s = span(l.key.chain);
+  if (anchor == nullptr || s == nullptr) return std::nullopt;
+  const Placement p = place(*s, anchor->state);
+  const typename G::Point position = landmark_scale(l.key.chain) * l.position;
+  const typename G::PointJacobian H = p.mean.act_jacobian(position);
+  const typename G::PointCovariance R = p.mean.rotation();
+  std::vector<std::pair<int, Eigen::MatrixXd>> moved_by = parts(p);
+  for (auto& [unknown, J] : moved_by) {
+    J = (H * J).eval();
+    if (s->persistent.scales_landmarks && unknown == problem_->unknown_of_constants(s->constants))
+      J.col(0) += R * l.position;
+  }
+  typename G::PointCovariance P = H * p.noise * H.transpose() + R * l.covariance * R.transpose();
+  for (const auto& [i, J_i] : moved_by)
+    for (const auto& [j, J_j] : moved_by) P += J_i * covariances_->between(i, j) * J_j.transpose();
+  return PointEstimate<G>{p.mean * position, symmetrised(P)};
+}
+
+template <class G>
+double Map<G>::landmark_scale(const ChainId& chain) const {
+  const ChainSpan* s = span(chain);
+  return s == nullptr || !s->persistent.scales_landmarks ? 1.0 : 1.0 + at_.constants_of(s->constants)[0];
 }
 
 template <class G>

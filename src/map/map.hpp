@@ -80,6 +80,8 @@ class Map {
 
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
+  /// True metres per metre of this chain's landmark positions, as estimated; 1 unless it scales them.
+  double landmark_scale(const ChainId& chain) const;
 
   /// What the map has learnt of kappa (true distance = (1 + kappa) x said) and g [rad/m] of a chain: mean and standard
   /// deviation. Empty if it states none.

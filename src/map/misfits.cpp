@@ -118,7 +118,7 @@ class MisfitSearch {
     const typename G::PointCovariance R = T.rotation();
     Evidence<G> e;
     e.information = R * f.covariance.inverse() * R.transpose();
-    e.weighted = e.information * (T * f.position);
+    e.weighted = e.information * (T * typename G::Point(map_.landmark_scale(f.landmark.chain) * f.position));
     return e;
   }
 

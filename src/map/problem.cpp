@@ -318,6 +318,10 @@ class ProblemBuilder {
     problem_.landmarks.reserve(members);
     problem_.loadings.reserve(members);
     problem_.points.reserve(selection_.classes.size());
+    scale_of_landmarks_.assign(problem_.nodes.size(), -1);
+    for (const ChainSpan& span : problem_.chains)
+      if (span.persistent.scales_landmarks)
+        std::fill_n(scale_of_landmarks_.begin() + span.first, span.end - span.first, span.constants);
     const bool start_as_before = known_nodes_start_as_before();
     for (std::size_t c = 0; c < selection_.classes.size(); ++c) {
       const std::size_t first = problem_.landmarks.size();
@@ -350,6 +354,7 @@ class ProblemBuilder {
   void add_landmark(LandmarkFactor<G> f, const typename G::Loading* loading) {
     f.point = static_cast<int>(problem_.points.size());
     f.loading = loading == nullptr ? -1 : static_cast<int>(problem_.loadings.size());
+    f.constants = scale_of_landmarks_[static_cast<std::size_t>(f.node)];
     problem_.landmarks.push_back(f);
     if (loading != nullptr) problem_.loadings.push_back(*loading);
   }
@@ -385,6 +390,7 @@ class ProblemBuilder {
   std::vector<int> node_now_;             // the other way round
   std::size_t next_known_ = 0;            // of the nodes of before_
   std::map<ChainId, std::vector<std::pair<std::uint32_t, int>>> node_of_;  // of anchors, by their index
+  std::vector<int> scale_of_landmarks_;  // of each node, whose constants its landmarks scale with; -1: nobody's
   std::vector<FixAtNode<G>> fixes_;
   std::vector<EncounterAtNodes<G>> encounters_;
   PlacedChains placed_;

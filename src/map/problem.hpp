@@ -59,7 +59,7 @@ struct BoundedFactor {
   Eigen::Vector3d information;            ///< of (roll, pitch, height); 0: not bounded
 };
 
-/// F2: T_node^-1 m = l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
+/// F2: T_node^-1 m = (1 + kappa) l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
 /// `loading`: of Problem::loadings; -1: nothing is shared.
 template <class G>
 struct LandmarkFactor {
@@ -68,6 +68,7 @@ struct LandmarkFactor {
   typename G::Point position;
   typename G::PointCovariance covariance;
   int loading = -1;
+  int constants = -1;  ///< whose kappa; -1: kappa is 0
 };
 
 /// F3: D T_node q = z + N(0, S), the datum D = T_enu_common being a node, too, or the identity.

@@ -271,6 +271,7 @@ typename Selector<G>::Examined Selector<G>::examined(const FactStore<G>& store, 
   }
   for (const Key& anchor : {a.anchor, b.anchor})
     if (store.anchor(anchor) == nullptr || store.prior(anchor.chain) == nullptr) return ends(HypothesisState::waiting);
+  for (Batch<G>* batch : {&a, &b}) add_scale_error(batch->landmarks, landmark_scale_sigma(store, batch->anchor.chain));
   const auto alignment = align(a, b, pairs);
   if (!alignment || alignment->chi2 > chi2_quantile(params_.residual, alignment->dof))
     return ends(HypothesisState::geometry);

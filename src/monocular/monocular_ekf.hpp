@@ -48,6 +48,7 @@ class MonocularEkf final : public FrontEnd<SE3> {
   bool follows(std::uint64_t track) const { return filter_.follows(track); }
 
   FrontEndState<SE3> state() const override;
+  bool scales_landmarks() const override { return true; }
   std::vector<Segment<SE3>> take_segments() override;
   const MonocularFilter& filter() const { return filter_; }
   const MonocularCounters& counters() const { return filter_.counters(); }

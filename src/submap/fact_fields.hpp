@@ -57,6 +57,7 @@ void fact_fields(Archive& a, Fact& f) {
     a.real(f.persistent.height_m);
     a.real(f.persistent.correlation_m);
     a.matrix(f.persistent.up);
+    a.natural(f.persistent.scales_landmarks, 1);
   } else if constexpr (kind == FactKind::association) {
     a.list(f.pairings, [&a](auto& pairing) {
       key_fields(a, pairing.first);

@@ -202,6 +202,7 @@ Insertion FactStore<G>::check(const PersistentDrift& p) const {
   const bool complete = p.correlation_m > 0.0 && std::abs(p.up.norm() - 1.0) < 1e-6;
   const bool empty = p.correlation_m == 0.0 && p.up.isZero(0.0);
   if (p.bounded() ? G::Dim == 2 || !complete : !empty) return Insertion::malformed;
+  if (p.scales_landmarks && p.scale == 0.0) return Insertion::malformed;
   return Insertion::inserted;
 }
 

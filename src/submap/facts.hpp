@@ -87,6 +87,9 @@ struct PersistentDrift {
   double height_m = 0.0;                         ///< of the height above the level of the chain's start
   double correlation_m = 0.0;                    ///< > 0 if one of them is bounded
   Eigen::Vector3d up = Eigen::Vector3d::Zero();  ///< unit vector, slam frame; zero if none is bounded
+  /// The SLAM measures the world by its odometer, as one with a single camera does: landmarks are (1 + kappa) times as
+  /// far from their anchor as was said, too. Needs scale > 0.
+  bool scales_landmarks = false;
   bool bounded() const { return tilt_rad > 0.0 || height_m > 0.0; }
   bool constant() const { return scale > 0.0 || heading_rad_per_m > 0.0; }
   bool operator==(const PersistentDrift&) const = default;

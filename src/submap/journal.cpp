@@ -23,7 +23,7 @@ constexpr std::size_t largest_content = 1 << 20;  // an association of 4096 pair
 
 template <class G>
 std::string first_line() {
-  return "convoy journal 1 of an SE(" + std::to_string(G::Dim) + ") fleet\n";
+  return "convoy journal 2 of an SE(" + std::to_string(G::Dim) + ") fleet\n";
 }
 
 Hash hash_of_bytes(std::span<const std::uint8_t> bytes) {

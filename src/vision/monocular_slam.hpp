@@ -107,6 +107,7 @@ class MonocularSlam final : public FrontEnd<SE3> {
   void on_report(ImageListener listener) { listener_ = std::move(listener); }
 
   FrontEndState<SE3> state() const override { return ekf_->state(); }
+  bool scales_landmarks() const override { return ekf_->scales_landmarks(); }
   std::vector<Segment<SE3>> take_segments() override { return ekf_->take_segments(); }
 
   const MonocularFilter& filter() const { return ekf_->filter(); }

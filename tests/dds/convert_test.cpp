@@ -92,7 +92,7 @@ TEST(Convert, AHeadingLeverCostsNothingWhereThereIsNone) {
 
 TEST(Convert, PersistentDriftComesBackToTheBit) {
   PriorFact<SE3> fact{{author, 0}, false, SE3()};
-  fact.persistent = {0.01 / 3.0, 1e-4 / 3.0, 0.01, 0.3, 51.0, Eigen::Vector3d(0.1, 0.2, 1.0).normalized()};
+  fact.persistent = {0.01 / 3.0, 1e-4 / 3.0, 0.01, 0.3, 51.0, Eigen::Vector3d(0.1, 0.2, 1.0).normalized(), true};
   EXPECT_EQ(hash_of(std::get<PriorFact<SE3>>(round_trip<v1::PriorPubSubType, SE3>(fact).payload)), hash_of(fact));
   v1::Prior good;
   ASSERT_EQ(to_wire(sender, fact, good), WireStatus::ok);

@@ -171,7 +171,8 @@ class ExactFleetMaker {
         state = drift.advance(s, s, X, slam_drift);
         if (2 * j == steps || j == steps) track.steps.push_back({state, T});
       }
-      next_landmark = close_batch(v, k, state, T, next_landmark);
+      const double landmark_scale = persistent.scales_landmarks ? 1.0 + constants[0] : 1.0;
+      next_landmark = close_batch(v, k, state, T, landmark_scale, next_landmark);
     }
     fleet_.tracks.push_back(std::move(track));
   }
@@ -184,7 +185,8 @@ class ExactFleetMaker {
     return d;
   }
 
-  std::uint32_t close_batch(int v, int k, const ChainState<G>& state, const G& T, std::uint32_t first) {
+  std::uint32_t close_batch(int v, int k, const ChainState<G>& state, const G& T, double landmark_scale,
+                            std::uint32_t first) {
     std::vector<std::pair<double, std::size_t>> near;
     for (std::size_t i = 0; i < points_.size(); ++i)
       if (const double d = (points_[i] - T.translation()).norm(); d < p_.range_m) near.emplace_back(d, i);
@@ -205,7 +207,8 @@ class ExactFleetMaker {
         l.loading.data()[c] = p_.noise * p_.loading_sigma_m * draw_.normal();
       l.covariance = symmetrised(
           typename G::PointCovariance(own * own * G::PointCovariance::Identity() + l.loading * l.loading.transpose()));
-      l.position = T.inverse() * points_[i] + own * draw_.template unit_normal<G::Dim>() + l.loading * shared;
+      l.position =
+          (T.inverse() * points_[i]) / landmark_scale + own * draw_.template unit_normal<G::Dim>() + l.loading * shared;
       insert(l);
       seen.landmark_of[i] = l.key;
     }

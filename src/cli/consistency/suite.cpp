@@ -258,6 +258,10 @@ class Suite {
     params.persistent.scale = 0.01;
     params.persistent.heading_rad_per_m = 3e-4;
     plan_persistent<G>(dim, params, "1 % scale and 0.3 mrad/m yaw", "its odometer's scale and turning are estimated");
+    params.persistent = {};
+    params.persistent.scale = 0.01;
+    params.persistent.scales_landmarks = true;
+    plan_persistent<G>(dim, params, "1 % scale, of landmarks, too", "it measures the world by its odometer");
     if (G::Dim == 2) return;
     params.persistent = {};
     params.persistent.tilt_rad = 0.01;

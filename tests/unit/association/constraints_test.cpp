@@ -257,5 +257,54 @@ TEST(Heading, WithoutAPriorMayBeAny) {
   EXPECT_TRUE(fits(0, 1, 1, 0));
 }
 
+template <class G>
+class ScaleErrors : public testing::Test {};
+TYPED_TEST_SUITE(ScaleErrors, Groups);
+
+// Where everything is shared already, the sum has one component more than a loading holds.
+TYPED_TEST(ScaleErrors, AreSharedAndNoLandmarkIsKnownBetterForThem) {
+  using G = TypeParam;
+  constexpr double sigma = 0.01;
+  test::Random random(7);
+  for (const double shared_m : {0.0, 0.05}) {
+    std::vector<LandmarkFact<G>> landmarks(12);
+    for (LandmarkFact<G>& l : landmarks) {
+      l.position = 10.0 * random.template unit_normal<G::Dim>();
+      for (Eigen::Index c = 0; c < l.loading.size(); ++c)
+        l.loading.data()[c] = shared_m * random.template unit_normal<1>()[0];
+      l.covariance = 0.01 * G::PointCovariance::Identity() + l.loading * l.loading.transpose();
+    }
+    std::vector<LandmarkFact<G>> scaled = landmarks;
+    add_scale_error(scaled, sigma);
+    double missing = 0.0, whole = 0.0;
+    for (std::size_t i = 0; i < landmarks.size(); ++i) {
+      const typename G::PointCovariance expected =
+          landmarks[i].covariance + sigma * sigma * landmarks[i].position * landmarks[i].position.transpose();
+      EXPECT_LT((scaled[i].covariance - expected).norm(), 1e-12);
+      EXPECT_TRUE(is_covariance(scaled[i].own_covariance()));
+      EXPECT_GT(eigenvalues(scaled[i].own_covariance()).minCoeff(), 0.0099) << "its own error has not gone";
+      for (std::size_t j = 0; j < i; ++j) {
+        const typename G::PointCovariance joint =
+            landmarks[i].loading * landmarks[j].loading.transpose() +
+            sigma * sigma * landmarks[i].position * landmarks[j].position.transpose();
+        missing += (scaled[i].loading * scaled[j].loading.transpose() - joint).squaredNorm();
+        whole += joint.squaredNorm();
+      }
+    }
+    EXPECT_LT(missing, (shared_m == 0.0 ? 1e-9 : 0.05) * whole) << shared_m;
+  }
+}
+
+TYPED_TEST(ScaleErrors, NoneIsNone) {
+  using G = TypeParam;
+  std::vector<LandmarkFact<G>> landmarks(3);
+  for (LandmarkFact<G>& l : landmarks) l.position.setConstant(5.0);
+  add_scale_error(landmarks, 0.0);
+  for (const LandmarkFact<G>& l : landmarks) {
+    EXPECT_TRUE(l.covariance.isZero(0.0));
+    EXPECT_TRUE(l.loading.isZero(0.0));
+  }
+}
+
 }  // namespace
 }  // namespace convoy

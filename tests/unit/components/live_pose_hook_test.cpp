@@ -16,6 +16,7 @@ class Remembering final : public FrontEnd<SE2> {
  public:
   FrontEndState<SE2> state() const override { return state_; }
   RelativeLandmarks<SE2> remembered() const override { return known; }
+  bool scales_landmarks() const override { return scales; }
   std::vector<Segment<SE2>> take_segments() override { return std::exchange(segments_, {}); }
 
   void go(double x_m) {
@@ -46,6 +47,7 @@ class Remembering final : public FrontEnd<SE2> {
   }
 
   RelativeLandmarks<SE2> known;
+  bool scales = false;
 
  private:
   FrontEndState<SE2> state_;
@@ -149,6 +151,18 @@ TEST(Snapshot, TellsWhereTheVehicleIsNowAndNotWhenItLastSpoke) {
     ASSERT_EQ(snapshot.vehicles.size(), 1U);
     EXPECT_EQ(snapshot.vehicles[0].slam.stamp_s, x);
   }
+}
+
+TEST_F(LivePoseHook, AChainSaysThatItsLandmarksHaveTheScaleOfItsOdometer) {
+  const auto says = [&](bool scales, double sigma) {
+    slam.scales = scales;
+    DriftParams<SE2> params = drift();
+    params.persistent.scale = sigma;
+    return FrontEndComponent<SE2>(slam, manager, params, 1.0).persistent().scales_landmarks;
+  };
+  EXPECT_TRUE(says(true, 0.01));
+  EXPECT_FALSE(says(false, 0.01));
+  EXPECT_FALSE(says(true, 0.0)) << "which has no error";
 }
 
 }  // namespace

@@ -88,5 +88,19 @@ TYPED_TEST(Factors, LandmarkJacobiansAreTheNumericOnes) {
   }
 }
 
+TYPED_TEST(Factors, ALandmarkIsAsFarAsItsChainsScaleSays) {
+  using G = TypeParam;
+  constexpr int C = Constants<G>::RowsAtCompileTime;
+  const G T = this->random_.template pose_of<G>(30.0);
+  const typename G::Point m = this->point();
+  const LandmarkFactor<G> f{0, 0, {}, this->point(), {}};
+  const Constants<G> c = 0.1 * Constants<G>::Random();
+  const LandmarkResidual<G> at(f, T, m, c);
+  EXPECT_LT((at.r - (T.inverse() * m - (1.0 + c[0]) * f.position)).norm(), 1e-12);
+  const auto J_c =
+      this->template numeric<C>([&](const Constants<G>& d) { return LandmarkResidual<G>(f, T, m, c + d).r; });
+  EXPECT_LT(this->worst(at.J_c, J_c), 1e-6);
+}
+
 }  // namespace
 }  // namespace convoy

@@ -2,6 +2,7 @@
 // consistent is measured by the consistency suite; here stands what must hold exactly.
 #include <convoy/config_error.hpp>
 #include <convoy/drift/drift_model.hpp>
+#include <convoy/geometry/covariance.hpp>
 #include <convoy/map/factors.hpp>
 #include <convoy/map/global_map.hpp>
 #include <convoy/map/sparse_map.hpp>
@@ -10,6 +11,8 @@
 
 #include <gtest/gtest.h>
 
+#include <cstdio>
+#include <numeric>
 #include <variant>
 #include <vector>
 
@@ -220,6 +223,78 @@ TYPED_TEST(PersistentDrifts, ConstantsAreLearntAndTheWholeWayIsCorrected) {
   EXPECT_GT(worst_of(without), worst_of(global));
 }
 
+/// Vehicles on one street. The second measures the world by an odometer that is off by kappa: all lengths that it
+/// states are too short by that, those of its landmarks, too. `stated`: what it says of that.
+template <class G>
+class ScaledStreet {
+ public:
+  static constexpr double kappa = 0.04;
+
+  ScaledStreet(std::uint64_t seed, const PersistentDrift& stated) : fleet_(test::street_fleet<G>(seed)) {
+    for (AnyFact<G> fact : fleet_.facts) {
+      if (auto* anchor = std::get_if<AnchorFact<G>>(&fact); anchor != nullptr && anchor->key.chain == chain_of(2)) {
+        G& X = anchor->state.pose;
+        X = G::from_rotation(X.rotation(), X.translation() / (1.0 + kappa));
+        anchor->state.abscissa_m /= 1.0 + kappa;
+      }
+      if (auto* landmark = std::get_if<LandmarkFact<G>>(&fact);
+          landmark != nullptr && landmark->key.chain == chain_of(2))
+        landmark->position /= 1.0 + kappa;
+      if (auto* prior = std::get_if<PriorFact<G>>(&fact); prior != nullptr && prior->key.chain == chain_of(2))
+        prior->persistent = stated;
+      test::insert(store, fact);
+    }
+  }
+
+  /// Squared Mahalanobis distances of the landmarks of vehicle 2 from where they are, by its map.
+  std::vector<double> squared_errors(const GlobalMap<G>& map) const {
+    std::vector<double> all;
+    for (const auto& [index, landmark] : store.chains().at(chain_of(2)).landmarks) {
+      const auto estimate = map.map->landmark(store, landmark);
+      all.push_back(squared_mahalanobis(estimate->mean - fleet_.point_of.at(landmark.key), estimate->covariance));
+    }
+    return all;
+  }
+
+  FactStore<G> store;
+
+ private:
+  test::SampleFleetOf<G> fleet_;
+};
+
+double mean_of(const std::vector<double>& values) {
+  return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
+}
+
+TYPED_TEST(PersistentDrifts, TheScaleOfLandmarksIsLearntAndTheyAreCorrected) {
+  using G = TypeParam;
+  PersistentDrift told;
+  told.scale = 0.05;
+  told.scales_landmarks = true;
+  PersistentDrift of_the_way_alone = told;
+  of_the_way_alone.scales_landmarks = false;
+  double told_nees = 0.0, half_told_nees = 0.0;
+  constexpr int runs = 5;
+  for (int seed = 1; seed <= runs; ++seed) {
+    const ScaledStreet<G> street(static_cast<std::uint64_t>(seed), told);
+    const auto map = test::built(street.store);
+    ASSERT_TRUE(map.map->report().converged);
+    ASSERT_TRUE(map.map->aligned(chain_of(2))) << seed;
+    const auto learnt = map.map->constants(chain_of(2));
+    ASSERT_TRUE(learnt.has_value());
+    EXPECT_NEAR(learnt->mean[0], street.kappa, 4.0 * learnt->sigma[0]) << seed;
+    EXPECT_LT(learnt->sigma[0], 0.005) << seed;
+    EXPECT_EQ(map.map->landmark_scale(chain_of(2)), 1.0 + learnt->mean[0]);
+    EXPECT_EQ(map.map->landmark_scale(chain_of(1)), 1.0) << "it says nothing of a scale";
+    told_nees += mean_of(street.squared_errors(map)) / G::Dim / runs;
+    const ScaledStreet<G> silent(static_cast<std::uint64_t>(seed), of_the_way_alone);
+    half_told_nees += mean_of(silent.squared_errors(test::built(silent.store))) / G::Dim / runs;
+  }
+  std::printf("NEES of landmarks: %.2f; if they are not said to be scaled %.2f\n", told_nees, half_told_nees);
+  EXPECT_LT(told_nees, 1.3);
+  EXPECT_GT(half_told_nees, 1.5 * told_nees);
+}
+
 TYPED_TEST(PersistentDrifts, UnfitOnesAreRefused) {
   using G = TypeParam;
   const auto with = [](const auto& change) {
@@ -228,6 +303,7 @@ TYPED_TEST(PersistentDrifts, UnfitOnesAreRefused) {
     return FactStore<G>().check(prior);
   };
   EXPECT_EQ(with([](PersistentDrift& p) { p.scale = 0.01; }), Insertion::inserted);
+  EXPECT_EQ(with([](PersistentDrift& p) { p.scales_landmarks = true; }), Insertion::malformed) << "by no scale";
   EXPECT_EQ(with([](PersistentDrift& p) { p.scale = NAN; }), Insertion::not_finite);
   EXPECT_EQ(with([](PersistentDrift& p) { p.scale = -0.01; }), Insertion::out_of_range);
   EXPECT_EQ(with([](PersistentDrift& p) { p.heading_rad_per_m = 2.0; }), Insertion::out_of_range);
