@@ -117,7 +117,9 @@ void scan(WireScan& wire, const v1::Prior*) {
   wire.skip(1, 2);
   wire.sequence(8, bounds::group);
   wire.sequence(8, bounds::group_covariance);
-  wire.skip(8, 5);
+  wire.skip(8, 2);
+  wire.skip(1);
+  wire.skip(8, 3);
   wire.sequence(8, bounds::point);
 }
 

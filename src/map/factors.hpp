@@ -66,17 +66,18 @@ struct BoundedResidual {
   }
 };
 
-/// F2: r = T^-1 m - (1 + kappa) l.
+/// F2: r = T^-1 m / (1 + kappa) - l, in the SLAM's own lengths, in which its noise is: else a world that is too small
+/// would fit better.
 template <class G>
 struct LandmarkResidual {
   LandmarkResidual(const LandmarkFactor<G>& f, const G& T, const typename G::Point& m,
                    const Constants<G>& c = Constants<G>::Zero())
-      : J_m(T.rotation().transpose()) {
+      : J_m(T.rotation().transpose() / (1.0 + c[0])) {
     const typename G::Point q = J_m * (m - T.translation());
-    r = q - (1.0 + c[0]) * f.position;
-    J_T = -G().act_jacobian(q);  // d(T^-1 m) = -[I, J q] d_T
+    r = q - f.position;
+    J_T = -G().act_jacobian((1.0 + c[0]) * q) / (1.0 + c[0]);  // d(T^-1 m) = -[I, J q] d_T
     J_c.setZero();
-    J_c.col(0) = -f.position;
+    J_c.col(0) = -q / (1.0 + c[0]);
   }
   typename G::Point r;
   Eigen::Matrix<double, G::Dim, Constants<G>::RowsAtCompileTime> J_c;

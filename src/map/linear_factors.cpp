@@ -182,7 +182,7 @@ double LinearFactors<G>::landmarks(const Factor& f, const Eigen::MatrixXd& W, co
   }
   constexpr int C = Constants<G>::RowsAtCompileTime;
   const auto n = static_cast<Eigen::Index>(f.landmarks);
-  const typename G::PointCovariance J_m = T.rotation().transpose();
+  const typename G::PointCovariance J_m = T.rotation().transpose() / (1.0 + c[0]);
   Eigen::VectorXd r(G::Dim * n);
   Eigen::Matrix<double, Eigen::Dynamic, G::Dof> J_T(G::Dim * n, G::Dof);
   Eigen::Matrix<double, Eigen::Dynamic, C> J_c(G::Dim * n, C);

@@ -59,7 +59,7 @@ struct BoundedFactor {
   Eigen::Vector3d information;            ///< of (roll, pitch, height); 0: not bounded
 };
 
-/// F2: T_node^-1 m = (1 + kappa) l + N(0, S). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
+/// F2: T_node^-1 m = (1 + kappa) (l + N(0, S)). Factors of one node share errors: Cov(l_i, l_j) = loading_i loading_j^T.
 /// `loading`: of Problem::loadings; -1: nothing is shared.
 template <class G>
 struct LandmarkFactor {

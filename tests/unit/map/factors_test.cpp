@@ -96,10 +96,16 @@ TYPED_TEST(Factors, ALandmarkIsAsFarAsItsChainsScaleSays) {
   const LandmarkFactor<G> f{0, 0, {}, this->point(), {}};
   const Constants<G> c = 0.1 * Constants<G>::Random();
   const LandmarkResidual<G> at(f, T, m, c);
-  EXPECT_LT((at.r - (T.inverse() * m - (1.0 + c[0]) * f.position)).norm(), 1e-12);
+  EXPECT_LT((at.r - ((T.inverse() * m) / (1.0 + c[0]) - f.position)).norm(), 1e-12);
   const auto J_c =
       this->template numeric<C>([&](const Constants<G>& d) { return LandmarkResidual<G>(f, T, m, c + d).r; });
   EXPECT_LT(this->worst(at.J_c, J_c), 1e-6);
+  const auto J_T = this->template numeric<G::Dof>(
+      [&](const typename G::Tangent& d) { return LandmarkResidual<G>(f, T * G::Exp(d), m, c).r; });
+  EXPECT_LT(this->worst(at.J_T, J_T), 1e-6);
+  const auto J_m =
+      this->template numeric<G::Dim>([&](const typename G::Point& d) { return LandmarkResidual<G>(f, T, m + d, c).r; });
+  EXPECT_LT(this->worst(at.J_m, J_m), 1e-6);
 }
 
 }  // namespace
