@@ -1,6 +1,7 @@
 #include "camera_file.hpp"
 
 #include "sim_error.hpp"
+#include "whole_file.hpp"
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -30,14 +31,14 @@ cv::Mat read_matrix(const cv::FileStorage& in, const std::string& file, const ch
 }  // namespace
 
 void save_camera(const CameraData& camera, const std::filesystem::path& file) {
-  cv::FileStorage out(file.string(), cv::FileStorage::WRITE | cv::FileStorage::FORMAT_YAML);
-  if (!out.isOpened()) throw SetUpError(file.string() + " cannot be written");
+  cv::FileStorage out(".yaml", cv::FileStorage::WRITE | cv::FileStorage::FORMAT_YAML | cv::FileStorage::MEMORY);
   const cv::Mat lens = (cv::Mat_<double>(3, 3) << camera.fx, 0, camera.cx, 0, camera.fy, camera.cy, 0, 0, 1);
   cv::Mat distortion(1, 5, CV_64F);
   std::copy(camera.distortion.begin(), camera.distortion.end(), distortion.ptr<double>());
   out << "image_width" << camera.width << "image_height" << camera.height << "rate_hz" << camera.rate_hz;
   out << "camera_matrix" << lens << "distortion_coefficients" << distortion;
   out << "T_body_camera" << matrix_of(camera.T_body_camera);
+  write_whole(file, out.releaseAndGetString());
 }
 
 CameraData load_camera(const std::filesystem::path& path) {
@@ -82,11 +83,10 @@ void save_picture(const std::filesystem::path& file, int width, int height, cons
   const cv::Mat picture(height, width, CV_8U, const_cast<std::uint8_t*>(grey.data()));
   // Noise does not become smaller by more effort.
   const std::vector<int> fast{cv::IMWRITE_PNG_COMPRESSION, 1};
-  try {
-    if (cv::imwrite(file.string(), picture, fast)) return;
-  } catch (const cv::Exception&) {  // told below
-  }
-  throw SetUpError(file.string() + " cannot be written; is there room on the disk?");
+  std::vector<std::uint8_t> png;
+  // cv::imwrite does not say that it has written half of it.
+  if (!cv::imencode(".png", picture, png, fast)) throw SetUpError(file.string() + " cannot be made a PNG file");
+  write_whole(file, {reinterpret_cast<const char*>(png.data()), png.size()});
 }
 
 std::vector<std::uint8_t> load_picture(const std::filesystem::path& file, int width, int height) {

@@ -2,10 +2,9 @@
 #include "digest.hpp"
 #include "recording.hpp"
 #include "sim_error.hpp"
+#include "whole_file.hpp"
 
 #include <nlohmann/json.hpp>
-
-#include <fstream>
 
 namespace convoy::simulator {
 namespace {
@@ -25,9 +24,7 @@ void make_folders(const std::filesystem::path& folder, const std::vector<SourceV
 }
 
 void write_json(const std::filesystem::path& file, const nlohmann::ordered_json& json) {
-  std::ofstream out(file);
-  out << json.dump(2) << '\n';
-  if (!out.flush()) throw SetUpError(file.string() + " cannot be written");
+  write_whole(file, json.dump(2) + '\n');
 }
 
 void write_note(const std::filesystem::path& file, const RunNote& note, const std::vector<SourceVehicle>& vehicles) {
@@ -64,7 +61,17 @@ Recorder::Recorder(const std::filesystem::path& folder, const RunNote& note, con
 }
 
 void Recorder::write(const StepData& step) {
-  const std::int64_t number = steps_ = step.step;
+  try {
+    write_rows(step);
+  } catch (const SetUpError& error) {
+    throw SetUpError(error.what() + (". The recording ends at step " + std::to_string(steps_)) +
+                     "; it is replayed by --as-is only");
+  }
+  steps_ = step.step;
+}
+
+void Recorder::write_rows(const StepData& step) {
+  const std::int64_t number = step.step;
   for (std::size_t i = 0; i < vehicles_.size(); ++i) {
     Tables& tables = vehicles_[i];
     const VehicleStep& sensed = step.vehicles.at(i);

@@ -49,11 +49,14 @@ class Recorder {
  public:
   /// Makes the folder. Throws SetUpError, see expect_room_for_recording.
   Recorder(const std::filesystem::path& folder, const RunNote& note, const std::vector<SourceVehicle>& vehicles);
+  /// Throws SetUpError that names the file that cannot be written. Without end() the recording is not whole.
   void write(const StepData& step);
   /// What was written last was the last. `complete`: it was the end of the run, too.
   void end(bool complete);
 
  private:
+  void write_rows(const StepData& step);
+
   struct Tables {
     std::filesystem::path folder;
     TableWriter frames, odometry, gps, truth;

@@ -1,6 +1,7 @@
 #include "table_file.hpp"
 
 #include "sim_error.hpp"
+#include "whole_file.hpp"
 
 #include <algorithm>
 #include <charconv>
@@ -43,7 +44,7 @@ TableWriter& TableWriter::operator<<(std::string_view text) {
 void TableWriter::end_row() {
   out_ << row_ << '\n' << std::flush;
   row_.clear();
-  if (!out_) throw SetUpError(file_.string() + " cannot be written; is there room on the disk?");
+  if (!out_) fail_to_write(file_);
 }
 
 void TableRow::fail(const std::string& fault) const { throw SetUpError(where_ + ": " + fault); }
@@ -77,6 +78,7 @@ std::vector<TableRow> read_table(const std::filesystem::path& file, std::string_
   std::string line;
   int number = 1;
   for (; std::getline(in, line); ++number) {
+    if (in.eof()) break;  // a row without its end was cut while it was written
     const std::string where = file.string() + ":" + std::to_string(number);
     if (number == 1) {
       if (line != header) throw SetUpError(where + ": the header is '" + line + "', not '" + std::string(header) + "'");

@@ -51,7 +51,7 @@ class TableRow {
   std::size_t next_ = 0;
 };
 
-/// All rows. Throws SetUpError with file and line if the header or the number of fields is another.
+/// All rows that have an end. Throws SetUpError with file and line if the header or the number of fields is another.
 std::vector<TableRow> read_table(const std::filesystem::path& file, std::string_view header);
 
 }  // namespace convoy::simulator

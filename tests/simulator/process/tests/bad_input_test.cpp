@@ -89,6 +89,41 @@ TEST(World, ThatIsNoneIsRefused) {
   expect_refused("--world " + (scratch / ".").string(), "convoy sim: ");
 }
 
+/// Records until a file of the recording is to grow beyond so many bytes: which one that is.
+void expect_told_of_full_disk(const fs::path& folder, rlim_t bytes, const std::string& file) {
+  const FullDisk full(bytes);
+  const Outcome outcome = run_sim("--gps rtk --duration 3 --lock-step --wait-for 0 --record " + folder.string() +
+                                  block + domains_of_this_test());
+  EXPECT_EQ(outcome.status, 2) << bytes << "\n" << outcome.output;
+  EXPECT_NE(outcome.output.find(file + " cannot be written: File too large; make room there"), std::string::npos)
+      << bytes << "\n" << outcome.output;
+  EXPECT_FALSE(fs::exists(folder / "end.json")) << bytes;
+}
+
+TEST(FullDisk, IsToldAndTheRecordingIsRefused) {
+  const ScratchFolder scratch;
+  expect_told_of_full_disk(scratch / "first", 100, "run.json");
+  expect_told_of_full_disk(scratch / "early", 500, "camera.yaml");
+  expect_told_of_full_disk(scratch / "picture", 1500, "000000.png");
+  expect_told_of_full_disk(scratch / "table", 12'000, "odometry.csv");
+
+  const std::string replay = "--lock-step --wait-for 0 --replay ";
+  expect_refused(replay + (scratch / "table").string(), "end.json is missing");
+  const std::size_t steps = lines_of(read_text(scratch / "table/vehicle_1/truth.csv")).size() - 1;
+  const Outcome outcome = run_sim(replay + (scratch / "table").string() + " --as-is" + domains_of_this_test());
+  EXPECT_EQ(outcome.status, 0) << outcome.output;
+  EXPECT_NE(outcome.output.find("vehicle 1: " + std::to_string(steps) + " frames"), std::string::npos)
+      << outcome.output;
+}
+
+TEST(FullDisk, IsToldOfASnapshot) {
+  const ScratchFolder scratch;
+  const FullDisk full(1500);
+  const Outcome outcome = run_sim("--duration 0.1 --snapshot " + (scratch / "view.png").string() + block);
+  EXPECT_EQ(outcome.status, 2) << outcome.output;
+  EXPECT_NE(outcome.output.find("view.png cannot be written"), std::string::npos) << outcome.output;
+}
+
 class BadRecording : public ::testing::Test {
  protected:
   void SetUp() override {

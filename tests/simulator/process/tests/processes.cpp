@@ -39,6 +39,17 @@ ScratchFolder::~ScratchFolder() {
   std::filesystem::remove_all(path_, ignored);
 }
 
+FullDisk::FullDisk(rlim_t bytes) : handler_before_(signal(SIGXFSZ, SIG_IGN)) {  // so that the write fails
+  getrlimit(RLIMIT_FSIZE, &before_);
+  const rlimit small{bytes, before_.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &small);
+}
+
+FullDisk::~FullDisk() {
+  setrlimit(RLIMIT_FSIZE, &before_);
+  signal(SIGXFSZ, handler_before_);
+}
+
 Process::Process(const std::vector<std::string>& command, std::filesystem::path output) : output_(std::move(output)) {
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);

@@ -1,6 +1,7 @@
 // Processes for the tests: started, waited for with a deadline, and killed when they go out of scope.
 #pragma once
 
+#include <sys/resource.h>
 #include <sys/types.h>
 
 #include <filesystem>
@@ -20,6 +21,19 @@ class ScratchFolder {
 
  private:
   std::filesystem::path path_;
+};
+
+/// While it lives, processes that are started write no file beyond so many bytes: as if the disk were full there.
+class FullDisk {
+ public:
+  explicit FullDisk(rlim_t bytes);
+  ~FullDisk();
+  FullDisk(const FullDisk&) = delete;
+  FullDisk& operator=(const FullDisk&) = delete;
+
+ private:
+  rlimit before_ = {};
+  void (*handler_before_)(int);
 };
 
 class Process {
