@@ -2,6 +2,7 @@
 
 #include <convoy/idl/sensorsPubSubTypes.h>
 #include <convoy/config_error.hpp>
+#include <convoy/idl/sensors_qos.hpp>
 
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastdds/dds/domain/DomainParticipant.hpp>
@@ -111,18 +112,7 @@ struct TruthListener::Impl {
     support.register_type(participant);
     auto* topic =
         need(participant->create_topic("convoy/sensors/v1/" + type, support.get_type_name(), edds::TopicQos()));
-    edds::DataReaderQos qos;
-    qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
-    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-    qos.history().kind = edds::KEEP_LAST_HISTORY_QOS;
-    qos.history().depth = depth;
-    qos.resource_limits().max_samples = 0;
-    qos.resource_limits().max_instances = 0;
-    qos.resource_limits().max_samples_per_instance = 0;
-    qos.resource_limits().allocated_samples = 4;
-    qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-    qos.data_sharing().off();
-    return need(subscriber->create_datareader(topic, qos));
+    return need(subscriber->create_datareader(topic, wire::endpoint_qos<edds::DataReaderQos>(depth)));
   }
 
   template <class Sample, class Use>

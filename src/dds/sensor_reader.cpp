@@ -3,6 +3,7 @@
 #include <convoy/dds/guarded_type.hpp>
 #include <convoy/dds/sensor_reader.hpp>
 #include <convoy/geometry/covariance.hpp>
+#include <convoy/idl/sensors_qos.hpp>
 
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastdds/dds/core/condition/WaitSet.hpp>
@@ -116,23 +117,6 @@ edds::DomainParticipantQos participant_qos(const SensorReaderParams& params) {
   return qos;
 }
 
-// Reliable, and late readers get what is kept: so does the first step, which is sent as soon as StepDone is heard.
-template <class Qos>
-Qos endpoint_qos(int depth) {
-  Qos qos;
-  qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
-  qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-  qos.history().kind = edds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = depth;
-  qos.resource_limits().max_samples = 0;
-  qos.resource_limits().max_instances = 0;
-  qos.resource_limits().max_samples_per_instance = 0;
-  qos.resource_limits().allocated_samples = 4;
-  qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-  qos.data_sharing().off();
-  return qos;
-}
-
 template <class Array>
 bool finite(const Array& numbers) {
   return std::all_of(std::begin(numbers), std::end(numbers), [](double x) { return std::isfinite(x); });
@@ -212,9 +196,9 @@ struct SensorReader::Impl {
     cameras = reader<wire::CameraCalibrationPubSubType>("CameraCalibration", 1);
     if (!params.lock_step) return;
     steps = reader<wire::StepPubSubType>("Step", params.queued_readings);
-    done = need(
-        publisher->create_datawriter(topic<wire::StepDonePubSubType>("StepDone"), endpoint_qos<edds::DataWriterQos>(1)),
-        "writer of StepDone");
+    done = need(publisher->create_datawriter(topic<wire::StepDonePubSubType>("StepDone"),
+                                             wire::endpoint_qos<edds::DataWriterQos>(1)),
+                "writer of StepDone");
   }
   void close() {
     if (participant == nullptr) return;
@@ -231,8 +215,9 @@ struct SensorReader::Impl {
   }
   template <class PubSubType>
   edds::DataReader* reader(const std::string& type, int depth) {
-    auto* made = need(subscriber->create_datareader(topic<PubSubType>(type), endpoint_qos<edds::DataReaderQos>(depth)),
-                      "reader of " + type);
+    auto* made =
+        need(subscriber->create_datareader(topic<PubSubType>(type), wire::endpoint_qos<edds::DataReaderQos>(depth)),
+             "reader of " + type);
     made->get_statuscondition().set_enabled_statuses(edds::StatusMask::data_available());
     something.attach_condition(made->get_statuscondition());
     return made;

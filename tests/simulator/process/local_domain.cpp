@@ -3,6 +3,7 @@
 #include "sim_error.hpp"
 
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <convoy/idl/sensors_qos.hpp>
 
 #include <cmath>
 
@@ -67,18 +68,10 @@ edds::Topic* LocalDomain::topic_of(edds::TypeSupport type, const std::string& to
 }
 
 edds::DataWriter* LocalDomain::writer(edds::TypeSupport type, const std::string& topic, const Keeping& keeping) {
-  edds::DataWriterQos qos;
-  qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
+  auto qos = sensors::v1::endpoint_qos<edds::DataWriterQos>(keeping.samples);
   qos.reliability().max_blocking_time = duration(keeping.deadline_s);
-  qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-  qos.history().kind = keeping.until_taken ? edds::KEEP_ALL_HISTORY_QOS : edds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = keeping.samples;
-  qos.resource_limits().max_samples = 0;
-  qos.resource_limits().max_instances = 0;
+  if (keeping.until_taken) qos.history().kind = edds::KEEP_ALL_HISTORY_QOS;
   qos.resource_limits().max_samples_per_instance = keeping.samples;
-  qos.resource_limits().allocated_samples = 4;
-  qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-  qos.data_sharing().off();
   qos.publish_mode().kind = edds::ASYNCHRONOUS_PUBLISH_MODE;
   qos.reliable_writer_qos().times.initialHeartbeatDelay = {0, 10'000'000};
   qos.reliable_writer_qos().times.heartbeatPeriod = {0, 50'000'000};
@@ -88,17 +81,7 @@ edds::DataWriter* LocalDomain::writer(edds::TypeSupport type, const std::string&
 
 edds::DataReader* LocalDomain::reader(edds::TypeSupport type, const std::string& topic,
                                       edds::DataReaderListener* listener) {
-  edds::DataReaderQos qos;
-  qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
-  qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-  qos.history().kind = edds::KEEP_LAST_HISTORY_QOS;
-  qos.history().depth = 16;
-  qos.resource_limits().max_samples = 0;
-  qos.resource_limits().max_instances = 0;
-  qos.resource_limits().max_samples_per_instance = 0;
-  qos.resource_limits().allocated_samples = 16;
-  qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-  qos.data_sharing().off();
+  const auto qos = sensors::v1::endpoint_qos<edds::DataReaderQos>(16);
   return need(
       subscriber_->create_datareader(topic_of(type, topic), qos, listener,
                                      edds::StatusMask::data_available() << edds::StatusMask::subscription_matched()),
