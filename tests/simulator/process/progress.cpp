@@ -25,6 +25,19 @@ void Progress::tell(double time_s, const std::string& what) {
   open_ = terminal_;
 }
 
+LongWait::~LongWait() {
+  if (open_) std::fputc('\n', stderr);
+}
+
+void LongWait::tell(const std::string& what, const std::string& rest) {
+  if (Clock::now() < next()) return;
+  open_ = isatty(STDERR_FILENO) == 1;
+  std::fprintf(stderr, "%sconvoy sim: %s, for %d s%s%s", open_ ? "\r\033[K" : "", what.c_str(), next_s_, rest.c_str(),
+               open_ ? "" : "\n");
+  std::fflush(stderr);
+  next_s_ += open_ ? 1 : 10;
+}
+
 StillAt::StillAt(std::string what) : what_(std::move(what)) {
   std::fprintf(stderr, "convoy sim: %s\n", what_.c_str());
   teller_ = std::thread([this] { tell(); });
@@ -40,17 +53,9 @@ StillAt::~StillAt() {
 }
 
 void StillAt::tell() {
-  const bool terminal = isatty(STDERR_FILENO) == 1;
-  int gone_s = 2;
+  LongWait wait;
   std::unique_lock lock(mutex_);
-  const auto start = std::chrono::steady_clock::now();
-  while (!changed_.wait_until(lock, start + std::chrono::seconds(gone_s), [&] { return done_; })) {
-    std::fprintf(stderr, "%sconvoy sim: %s, for %d s%s", terminal ? "\r\033[K" : "", what_.c_str(), gone_s,
-                 terminal ? "" : "\n");
-    std::fflush(stderr);
-    gone_s += terminal ? 1 : 10;
-  }
-  if (terminal && gone_s > 2) std::fputc('\n', stderr);
+  while (!changed_.wait_until(lock, wait.next(), [&] { return done_; })) wait.tell(what_);
 }
 
 }  // namespace convoy::simulator

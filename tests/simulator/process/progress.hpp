@@ -27,6 +27,21 @@ class Progress {
   bool open_ = false;
 };
 
+/// A line about what one waits for, after two seconds and then again: ten seconds later, on a terminal each second.
+class LongWait {
+ public:
+  ~LongWait();  ///< ends the line
+  using Clock = std::chrono::steady_clock;
+  Clock::time_point next() const { return start_ + std::chrono::seconds(next_s_); }
+  /// "WHAT, for 2 sREST" if it is time for it.
+  void tell(const std::string& what, const std::string& rest = {});
+
+ private:
+  const Clock::time_point start_ = Clock::now();
+  int next_s_ = 2;
+  bool open_ = false;
+};
+
 /// A line that tells that something still goes on, and for how long, while nothing else can be told of it.
 class StillAt {
  public:

@@ -1,6 +1,7 @@
 #include "sensor_topics.hpp"
 
 #include "local_domain.hpp"
+#include "progress.hpp"
 #include "sensor_samples.hpp"
 #include "sim_error.hpp"
 
@@ -20,6 +21,7 @@ namespace convoy::simulator {
 namespace {
 
 using eprosima::fastrtps::types::ReturnCode_t;
+using Clock = std::chrono::steady_clock;
 
 /// An exception of the generated code would end the process, and a `false` hide the samples behind: what cannot be read
 /// becomes a sample of vehicle 0.
@@ -55,6 +57,15 @@ class Answers final : public edds::DataReaderListener {
   void sends(std::uint32_t step) {
     const std::lock_guard lock(mutex_);
     sent_ = step;
+  }
+
+  /// All that have said that they are there.
+  std::vector<std::uint32_t> there() {
+    const std::lock_guard lock(mutex_);
+    std::vector<std::uint32_t> vehicles;
+    for (const auto& [vehicle, said] : of_)
+      if (said.there) vehicles.push_back(vehicle);
+    return vehicles;
   }
 
   /// Those that have not answered the step (0: have not appeared) when the time is over.
@@ -112,6 +123,14 @@ class Others final : public edds::DataReaderListener {
     changed_.notify_all();
   }
 
+  /// What they say does not matter; kept, it would fill the memory.
+  void on_data_available(edds::DataReader* reader) override {
+    wire::Step step;
+    edds::SampleInfo info;
+    while (reader->take_next_sample(&step, &info) == ReturnCode_t::RETCODE_OK) {
+    }
+  }
+
   /// Whether there is one, within the time, before which `own` gives way; none: before any.
   bool there(std::chrono::milliseconds time, const std::optional<eprosima::fastrtps::rtps::GUID_t>& own) {
     std::unique_lock lock(mutex_);
@@ -123,6 +142,17 @@ class Others final : public edds::DataReaderListener {
   std::condition_variable changed_;
   std::set<eprosima::fastrtps::rtps::GUID_t> writers_;
 };
+
+/// In lock-step: a subscriber has not taken what was sent, whoever it is.
+struct NotTaken {
+  std::string topic;
+};
+
+VehicleStep without_readings(std::uint32_t vehicle) {
+  VehicleStep step;
+  step.vehicle = vehicle;
+  return step;
+}
 
 std::string text_of(double seconds) {
   char text[32];
@@ -170,23 +200,95 @@ struct SensorTopics::Impl {
 
   template <class PubSubType>
   edds::DataWriter* writer(LocalDomain& domain, const std::string& type, int samples) {
-    const LocalDomain::Keeping keeping{samples, options.lock_step, options.lock_step ? options.deadline_s : 0.1};
+    const LocalDomain::Keeping keeping{samples, options.lock_step, 0.1};
     return domain.writer(edds::TypeSupport(new PubSubType), "convoy/sensors/v1/" + type, keeping);
   }
 
+  /// In lock-step it waits for who does not take, and throws NotTaken in the end.
   template <class Sample>
   void write(edds::DataWriter* to, Sample sample) {
-    if (to->write(&sample)) return;
-    ++unsent;
-    if (options.lock_step)
-      throw DeadlineError("a subscriber of " + to->get_topic()->get_name() + " has not taken what was sent for " +
-                          text_of(options.deadline_s));
+    const auto until = deadline();
+    LongWait wait;
+    while (!to->write(&sample)) {
+      const std::string topic = to->get_topic()->get_name();
+      if (options.lock_step && Clock::now() < until) {
+        wait.tell("waiting for a subscriber of " + topic + " to take what was sent",
+                  " of " + text_of(options.deadline_s));
+        continue;
+      }
+      ++unsent;
+      if (!options.lock_step) return;
+      throw NotTaken{topic};
+    }
+  }
+  Clock::time_point deadline() const {
+    return Clock::now() +
+           std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options.deadline_s));
+  }
+
+  void publish(const StepData& step, const VehicleStep& of_vehicle) {
+    const std::uint32_t vehicle = of_vehicle.vehicle;
+    sent = step_sample(run, step, without_readings(vehicle));
+    write(truth, truth_sample(run, step, of_vehicle));
+    for (const FrameData& frame : of_vehicle.frames) {
+      if (depth != nullptr) write(depth, depth_sample(run, step.step, vehicle, frame));
+      write(frames, frame_sample(run, step.step, vehicle, frame));
+      sent.frames(sent.frames() + 1);
+    }
+    for (const OdometryData& data : of_vehicle.odometry) {
+      write(odometry, odometry_sample(run, step.step, vehicle, data));
+      sent.odometry(sent.odometry() + 1);
+    }
+    for (const GpsData& data : of_vehicle.gps) {
+      write(gps, gps_sample(run, step.step, vehicle, data));
+      sent.gps(sent.gps() + 1);
+    }
+    write(steps, sent);
+  }
+
+  /// The middleware does not say who has not taken what was sent. But a vehicle that is alive answers a step, be it
+  /// in part: that of the vehicle `unsent_from`, and those after it, have not been sent.
+  [[noreturn]] void find_who_is_missing(const StepData& step, std::size_t unsent_from, const std::string& topic) {
+    for (std::size_t i = unsent_from; i < step.vehicles.size(); ++i) {
+      if (i > unsent_from) sent = step_sample(run, step, without_readings(step.vehicles[i].vehicle));
+      if (!steps->write(&sent)) break;
+    }
+    (void)wait_for(answers.there(), step.step, [] { return false; });
+    throw DeadlineError("a subscriber of " + topic +
+                        ", which is none of the vehicles, has not taken what was sent for " +
+                        text_of(options.deadline_s) + "; end it, and start the run again");
+  }
+
+  bool wait_for(const std::vector<std::uint32_t>& vehicles, std::uint32_t step, const std::function<bool()>& stop) {
+    const auto until = deadline();
+    LongWait wait;
+    for (;;) {
+      const auto now = Clock::now();
+      const auto missing = answers.wait(vehicles, step, std::min(until, now + std::chrono::milliseconds(100)));
+      if (missing.empty()) return true;
+      if (stop()) return false;
+      if (now >= until) throw DeadlineError(fault_of(missing, step));
+      wait.tell("waiting for " + listed(missing) + " to " +
+                    (step == 0 ? "appear on domain " + std::to_string(options.sensor_domain)
+                               : "answer step " + std::to_string(step)),
+                " of " + text_of(options.deadline_s) + "; Ctrl-C ends the run");
+    }
+  }
+
+  std::string fault_of(const std::vector<std::uint32_t>& missing, std::uint32_t step) const {
+    const std::string within = " within " + text_of(options.deadline_s) + "; ";
+    if (step == 0)
+      return listed(missing) + " did not appear on domain " + std::to_string(options.sensor_domain) + within +
+             "start it there, or wait for fewer by --wait-for";
+    return listed(missing) + " did not answer step " + std::to_string(step) + within +
+           "see how it ended, and start the run again; one that is only slow needs a longer --deadline";
   }
 
   const TopicOptions options;
   const std::uint64_t run;
   std::uint64_t unsent = 0;
-  Others others;  // before the domains, so that they outlive them
+  wire::Step sent;  // of the step and vehicle that are being sent: what of it has been
+  Others others;    // before the domains, so that they outlive them
   Answers answers;
   LocalDomain sensors, truths;
   edds::DataWriter *steps = nullptr, *calibration = nullptr, *frames = nullptr, *odometry = nullptr, *gps = nullptr,
@@ -202,39 +304,18 @@ SensorTopics::SensorTopics(const TopicOptions& options, const std::vector<Source
 SensorTopics::~SensorTopics() = default;
 
 void SensorTopics::publish(const StepData& step) {
-  const std::uint64_t run = impl_->run;
   impl_->answers.sends(step.step);
-  for (const VehicleStep& of_vehicle : step.vehicles) {
-    const std::uint32_t vehicle = of_vehicle.vehicle;
-    impl_->write(impl_->truth, truth_sample(run, step, of_vehicle));
-    for (const FrameData& frame : of_vehicle.frames) {
-      impl_->write(impl_->frames, frame_sample(run, step.step, vehicle, frame));
-      if (impl_->depth != nullptr) impl_->write(impl_->depth, depth_sample(run, step.step, vehicle, frame));
-    }
-    for (const OdometryData& data : of_vehicle.odometry)
-      impl_->write(impl_->odometry, odometry_sample(run, step.step, vehicle, data));
-    for (const GpsData& data : of_vehicle.gps) impl_->write(impl_->gps, gps_sample(run, step.step, vehicle, data));
-    impl_->write(impl_->steps, step_sample(run, step, of_vehicle));
+  std::size_t i = 0;
+  try {
+    for (; i < step.vehicles.size(); ++i) impl_->publish(step, step.vehicles[i]);
+  } catch (const NotTaken& not_taken) {
+    impl_->find_who_is_missing(step, i, not_taken.topic);
   }
 }
 
 bool SensorTopics::wait_for(const std::vector<std::uint32_t>& vehicles, std::uint32_t step,
                             const std::function<bool()>& stop) {
-  using Clock = std::chrono::steady_clock;
-  const auto deadline = Clock::now() + std::chrono::duration_cast<Clock::duration>(
-                                           std::chrono::duration<double>(impl_->options.deadline_s));
-  for (;;) {
-    const auto now = Clock::now();
-    const auto missing = impl_->answers.wait(vehicles, step, std::min(deadline, now + std::chrono::milliseconds(100)));
-    if (missing.empty()) return true;
-    if (stop()) return false;
-    if (now < deadline) continue;
-    const std::string seconds = text_of(impl_->options.deadline_s);
-    throw DeadlineError(step == 0
-                            ? listed(missing) + " did not appear on domain " +
-                                  std::to_string(impl_->options.sensor_domain) + " within " + seconds
-                            : listed(missing) + " did not answer step " + std::to_string(step) + " within " + seconds);
-  }
+  return impl_->wait_for(vehicles, step, stop);
 }
 
 void SensorTopics::finish(double deadline_s) {

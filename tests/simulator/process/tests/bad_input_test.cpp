@@ -96,7 +96,8 @@ void expect_told_of_full_disk(const fs::path& folder, rlim_t bytes, const std::s
                                   block + domains_of_this_test());
   EXPECT_EQ(outcome.status, 2) << bytes << "\n" << outcome.output;
   EXPECT_NE(outcome.output.find(file + " cannot be written: File too large; make room there"), std::string::npos)
-      << bytes << "\n" << outcome.output;
+      << bytes << "\n"
+      << outcome.output;
   EXPECT_FALSE(fs::exists(folder / "end.json")) << bytes;
 }
 

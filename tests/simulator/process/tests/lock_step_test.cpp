@@ -79,6 +79,9 @@ TEST(LockStep, NamesTheVehicleThatDoesNotAnswer) {
   EXPECT_EQ(fleet.sim->wait(), 1);
   EXPECT_NE(fleet.sim->output().find("vehicle 2 did not answer step 3 within 4 s"), std::string::npos)
       << fleet.sim->output();
+  EXPECT_NE(fleet.sim->output().find("waiting for vehicle 2 to answer step 3, for 2 s of 4 s; Ctrl-C ends the run"),
+            std::string::npos)
+      << fleet.sim->output();
   EXPECT_EQ(steps_of(fleet.said(1)), 3U);
   const std::string end = read_text(scratch / "recording/end.json");
   EXPECT_NE(end.find("\"steps\": 3"), std::string::npos) << end;
@@ -89,7 +92,50 @@ TEST(LockStep, NamesTheVehicleThatDoesNotAppear) {
   Fleet fleet("--vehicles 3 --wait-for 3 --deadline 4" + small, {"", ""});
   EXPECT_EQ(fleet.sim->wait(), 1);
   EXPECT_NE(fleet.sim->output().find("vehicle 3 did not appear on domain"), std::string::npos) << fleet.sim->output();
+  EXPECT_NE(fleet.sim->output().find("waiting for vehicle 3 to appear on domain"), std::string::npos)
+      << fleet.sim->output();
   EXPECT_EQ(steps_of(fleet.said(1)), 0U);
+}
+
+/// Until the vehicle has said so many steps; false: it has not.
+bool waits_for_steps(const Fleet& fleet, std::size_t count, std::size_t vehicle = 1) {
+  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  while (steps_of(fleet.said(vehicle)) < count) {
+    if (steady_clock::now() > deadline) return false;
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+  return true;
+}
+
+const std::string endless = block + " --duration 1000 --lock-step --deadline 4";
+
+TEST(LockStep, NamesTheVehicleThatWasKilled) {
+  Fleet fleet("--vehicles 2" + endless, {"", ""});
+  ASSERT_TRUE(waits_for_steps(fleet, 3, 2)) << fleet.sim->output();
+  fleet.vehicles[1]->send(SIGKILL);
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("convoy sim: vehicle 2 did not answer step "), std::string::npos)
+      << fleet.sim->output();
+}
+
+TEST(LockStep, NamesTheVehicleThatWasKilledThoughNobodyWaitedForIt) {
+  Fleet fleet("--vehicles 3 --wait-for 1" + endless, {"--delay-ms 20", "", ""});
+  ASSERT_TRUE(waits_for_steps(fleet, 3, 2) && waits_for_steps(fleet, 3, 3)) << fleet.sim->output();
+  fleet.vehicles[1]->send(SIGKILL);
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find("convoy sim: vehicle 2 did not answer step "), std::string::npos)
+      << fleet.sim->output();
+}
+
+TEST(LockStep, SaysOfASubscriberThatIsNoVehicleThatItIsNone) {
+  Fleet fleet(endless, {"--delay-ms 50"});
+  const Process other(vehicle_command("--domain " + std::to_string(domain_of_this_test()) + " --vehicle 9"),
+                      fleet.scratch / "other");
+  ASSERT_TRUE(waits_for_steps(fleet, 20)) << fleet.sim->output();
+  other.send(SIGSTOP);
+  EXPECT_EQ(fleet.sim->wait(), 1);
+  EXPECT_NE(fleet.sim->output().find(", which is none of the vehicles, has not taken"), std::string::npos)
+      << fleet.sim->output();
 }
 
 TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
@@ -155,16 +201,6 @@ TEST(Topics, AreOnTheLoopbackDeviceAlone) {
   EXPECT_GE(addresses.size(), 6U) << "the sockets of two participants were expected here";
   for (const std::string& address : addresses)
     EXPECT_TRUE(address == "0100007F" || address == "0100FFEF") << address << ": neither 127.0.0.1 nor 239.255.0.1";
-}
-
-/// Until the vehicle has said so many steps; false: it has not.
-bool waits_for_steps(const Fleet& fleet, std::size_t count) {
-  const auto deadline = steady_clock::now() + std::chrono::seconds(20);
-  while (steps_of(fleet.said(1)) < count) {
-    if (steady_clock::now() > deadline) return false;
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
-  }
-  return true;
 }
 
 const std::string other_speaks = "another simulator speaks on domain";
