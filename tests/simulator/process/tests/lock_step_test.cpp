@@ -212,6 +212,7 @@ TEST(Topics, OfTwoSimulatorsOnOneDomainTheLaterGivesUp) {
   EXPECT_EQ(second.sim->wait(), 2);
   EXPECT_NE(second.sim->output().find(other_speaks), std::string::npos) << second.sim->output();
   EXPECT_TRUE(waits_for_steps(first, 5)) << "the first one goes on: " << first.sim->output();
+  EXPECT_EQ(first.said(1).find("senders"), std::string::npos) << "the second one was ready to send";
 }
 
 TEST(Topics, OfTwoSimulatorsThatStartAtOnceOneGivesUp) {

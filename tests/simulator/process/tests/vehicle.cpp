@@ -148,6 +148,7 @@ class Vehicle {
       const bool heard = eventually([&] { return take_own(steps_, step); });
       if (!heard || !eventually([&] { return take_all(step); })) return 1;
       say(step);
+      say_senders();
       if (judge_ && !say_truth(step)) return 1;
       std::this_thread::sleep_for(std::chrono::milliseconds(options_.delay_ms));
       if (options_.silent_from == 0 || step.header().step() < options_.silent_from)
@@ -190,6 +191,13 @@ class Vehicle {
     for (v1::Gps position; take_own(gps_, position);) positions_[position.header().step()].push_back(position);
     return pictures_[number].size() == step.frames() && readings_[number].size() == step.odometry() &&
            positions_[number].size() == step.gps();
+  }
+
+  /// How many have sent steps; nothing of the one whose they are.
+  void say_senders() {
+    edds::SubscriptionMatchedStatus matched;
+    steps_->get_subscription_matched_status(matched);
+    if (matched.total_count > 1) std::printf("senders %d\n", matched.total_count);
   }
 
   void say(const v1::Step& step) {
