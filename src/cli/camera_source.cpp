@@ -90,6 +90,7 @@ class CameraSource final : public SensorSource<SE3> {
     const auto batch = first_ ? std::exchange(first_, std::nullopt) : reader_.next(patience_s);
     if (batch) take(*batch, vehicle);
     else note_silence(vehicle);
+    if (!warned_ && reader_.counters().foreign > 0) warn_of_another_sender();
   }
 
  private:
@@ -100,6 +101,8 @@ class CameraSource final : public SensorSource<SE3> {
       if (auto batch = reader_.next(0.1)) first_ = std::move(batch);
       if (const auto camera = reader_.camera()) {
         camera_ = *camera;
+        run_ = camera->run;
+        if (first_ && first_->run != run_) first_.reset();
         slam_.emplace(slam_params(config_), camera_.calibration, camera_.T_body_camera);
         heard_ = SteadyClock::now();
         return;
@@ -164,12 +167,21 @@ class CameraSource final : public SensorSource<SE3> {
 
   /// Stamps begin anew there, and this drive is over.
   bool is_of_another_run(const dds::SensorBatch& batch) {
-    if (!run_) run_ = batch.run;
-    if (batch.run == *run_) return false;
-    spdlog::error("the sensors of vehicle {} have begun anew, and their time with them; start the vehicle again",
-                  vehicle_);
+    if (batch.run == run_) return false;
+    spdlog::error(
+        "the sensors of vehicle {} have begun anew, and their time with them; start the vehicle again (or end who else "
+        "speaks on DDS domain {})",
+        vehicle_, config_.domain);
     ended_ = true;
     return true;
+  }
+
+  void warn_of_another_sender() {
+    warned_ = true;
+    spdlog::warn(
+        "somebody else speaks for the sensors of vehicle {} on DDS domain {}, too: that is not used; end who does, or "
+        "take another domain",
+        vehicle_, config_.domain);
   }
 
   void note_silence(Vehicle<SE3>& vehicle) {
@@ -194,9 +206,9 @@ class CameraSource final : public SensorSource<SE3> {
   SensorClock clock_;
   std::ofstream sightings_;
   std::optional<dds::SensorBatch> first_;  // what came before the calibration
-  std::optional<std::uint64_t> run_;
+  std::uint64_t run_ = 0;
   SteadyClock::time_point heard_;
-  bool silent_ = false, ended_ = false;
+  bool silent_ = false, ended_ = false, warned_ = false;
 };
 
 }  // namespace

@@ -12,6 +12,7 @@
 #include <fastdds/dds/publisher/DataWriter.hpp>
 #include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
 #include <fastdds/dds/topic/Topic.hpp>
@@ -19,6 +20,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <map>
+#include <mutex>
+#include <set>
 #include <tuple>
 #include <utility>
 
@@ -160,6 +164,24 @@ std::optional<GpsReading> reading_of(wire::Gps& s) {
                     s.correlation_s()};
 }
 
+/// The writers that are there. The middleware's thread tells it.
+class Writers final : public edds::DataReaderListener {
+ public:
+  void on_subscription_matched(edds::DataReader*, const edds::SubscriptionMatchedStatus& status) override {
+    const std::lock_guard lock(mutex_);
+    if (status.current_count_change > 0) there_.insert(status.last_publication_handle);
+    else there_.erase(status.last_publication_handle);
+  }
+  bool there(const edds::InstanceHandle_t& writer) const {
+    const std::lock_guard lock(mutex_);
+    return there_.contains(writer);
+  }
+
+ private:
+  mutable std::mutex mutex_;
+  std::set<edds::InstanceHandle_t> there_;
+};
+
 struct Pending {
   std::uint32_t step = 0;
   SensorReading reading;
@@ -193,7 +215,7 @@ struct SensorReader::Impl {
     frames = reader<wire::CameraFramePubSubType>("CameraFrame", params.queued_frames);
     odometry = reader<wire::OdometryPubSubType>("Odometry", params.queued_readings);
     gps = reader<wire::GpsPubSubType>("Gps", params.queued_readings);
-    cameras = reader<wire::CameraCalibrationPubSubType>("CameraCalibration", 1);
+    cameras = reader<wire::CameraCalibrationPubSubType>("CameraCalibration", 4);  // of a run that begins, too
     if (!params.lock_step) return;
     steps = reader<wire::StepPubSubType>("Step", params.queued_readings);
     done = need(publisher->create_datawriter(topic<wire::StepDonePubSubType>("StepDone"),
@@ -216,7 +238,8 @@ struct SensorReader::Impl {
   template <class PubSubType>
   edds::DataReader* reader(const std::string& type, int depth) {
     auto* made =
-        need(subscriber->create_datareader(topic<PubSubType>(type), wire::endpoint_qos<edds::DataReaderQos>(depth)),
+        need(subscriber->create_datareader(topic<PubSubType>(type), wire::endpoint_qos<edds::DataReaderQos>(depth),
+                                           &writers, edds::StatusMask::subscription_matched()),
              "reader of " + type);
     made->get_statuscondition().set_enabled_statuses(edds::StatusMask::data_available());
     something.attach_condition(made->get_statuscondition());
@@ -231,7 +254,7 @@ struct SensorReader::Impl {
     done->write(&sample);
   }
 
-  /// Calls use(sample) for each sample of this vehicle that could be decoded.
+  /// Calls use(sample, writer) for each sample of this vehicle that could be decoded.
   template <class Sample, class Use>
   void take(edds::DataReader* from, const Use& use) {
     edds::SampleInfo info;
@@ -240,7 +263,8 @@ struct SensorReader::Impl {
       if (!info.valid_data) continue;
       if (received.decoding == Decoding::undecodable) ++counters.undecodable;
       else if (received.decoding == Decoding::hostile) ++counters.hostile;
-      else if (received.decoding == Decoding::ok && received.sample.vehicle() == params.vehicle) use(received.sample);
+      else if (received.decoding == Decoding::ok && received.sample.vehicle() == params.vehicle)
+        use(received.sample, info.publication_handle);
     }
   }
 
@@ -254,26 +278,41 @@ struct SensorReader::Impl {
     counters.stale += pending.size();
     pending.clear();
     step.reset();
+    camera.reset();
+    sender_of.clear();
     last_step = 0;
     last_number = {};
     return true;
   }
 
+  /// Counts what is not to be used. Of two who send the same topic of one run, the one that was heard first is heard
+  /// for as long as it is there.
+  bool is_heard(const edds::DataReader* topic, const wire::Header& header, const edds::InstanceHandle_t& writer) {
+    if (!is_of_this_run(header)) {
+      ++counters.stale;
+      return false;
+    }
+    edds::InstanceHandle_t& sender = sender_of.try_emplace(topic, writer).first->second;
+    if (sender != writer && writers.there(sender)) {
+      ++counters.foreign;
+      return false;
+    }
+    sender = writer;
+    return true;
+  }
+
   template <class Sample>
   void take_readings(edds::DataReader* from, std::size_t kind) {
-    take<Sample>(from, [&](Sample& sample) {
-      if (!std::isfinite(sample.header().stamp_s())) {
-        ++counters.hostile;
-        return;
-      }
-      if (!is_of_this_run(sample.header()) || (params.lock_step && sample.header().step() <= last_step)) {
-        ++counters.stale;
-        return;
-      }
+    take<Sample>(from, [&](Sample& sample, const edds::InstanceHandle_t& writer) {
       const std::uint32_t of_step = sample.header().step();
-      auto reading = reading_of(sample);
+      auto reading = std::isfinite(sample.header().stamp_s()) ? reading_of(sample) : std::nullopt;
       if (!reading) {
         ++counters.hostile;
+        return;
+      }
+      if (!is_heard(from, sample.header(), writer)) return;
+      if (params.lock_step && of_step <= last_step) {
+        ++counters.stale;
         return;
       }
       auto& last = last_number[kind];
@@ -291,10 +330,13 @@ struct SensorReader::Impl {
     take_readings<wire::Odometry>(odometry, 0);
     take_readings<wire::Gps>(gps, 1);
     take_readings<wire::CameraFrame>(frames, 2);
-    take<wire::CameraCalibration>(cameras, [&](wire::CameraCalibration& sample) { camera = sample; });
+    take<wire::CameraCalibration>(cameras, [&](const auto& sample, const auto& writer) {
+      if (is_heard(cameras, sample.header(), writer)) camera = sample;
+    });
     if (!params.lock_step) return;
-    take<wire::Step>(steps, [&](wire::Step& sample) {
-      if (is_of_this_run(sample.header()) && sample.header().step() > last_step) step = sample;
+    take<wire::Step>(steps, [&](const auto& sample, const auto& writer) {
+      if (!is_heard(steps, sample.header(), writer)) return;
+      if (sample.header().step() > last_step) step = sample;
       else ++counters.stale;
     });
   }
@@ -327,6 +369,7 @@ struct SensorReader::Impl {
 
   const SensorReaderParams params;
   SensorCounters counters;
+  Writers writers;  // before the participant, so that it outlives the readers
   // Held, so that the factory outlives the participant whatever the order in which a process winds down.
   std::shared_ptr<edds::DomainParticipantFactory> factory = edds::DomainParticipantFactory::get_shared_instance();
   edds::DomainParticipant* participant = nullptr;
@@ -338,8 +381,9 @@ struct SensorReader::Impl {
 
   std::optional<std::uint64_t> run;
   std::vector<std::uint64_t> past_runs;
-  std::uint32_t last_step = 0;                                   // handed out
-  std::array<std::optional<std::uint32_t>, 3> last_number = {};  // of each kind, in the order of SensorReading
+  std::map<const edds::DataReader*, edds::InstanceHandle_t> sender_of;  // this run
+  std::uint32_t last_step = 0;                                          // handed out
+  std::array<std::optional<std::uint32_t>, 3> last_number = {};         // of each kind, in the order of SensorReading
   std::vector<Pending> pending;
   std::optional<wire::Step> step;
   std::optional<wire::CameraCalibration> camera;
@@ -375,6 +419,7 @@ std::optional<MountedCamera> SensorReader::camera() const {
   if (!impl_->camera) return std::nullopt;
   const wire::CameraCalibration& c = *impl_->camera;
   MountedCamera mounted;
+  mounted.run = c.header().run();
   const auto whole = [](std::uint32_t pixels) { return static_cast<int>(std::min(pixels, 100'000U)); };
   mounted.calibration.width = whole(c.width());
   mounted.calibration.height = whole(c.height());

@@ -52,6 +52,7 @@ double stamp_of(const SensorReading& reading);
 
 /// What a camera is, and how it is mounted.
 struct MountedCamera {
+  std::uint64_t run = 0;  ///< whose readings it is of, as in SensorBatch
   CameraCalibration calibration;
   double rate_hz = 0.0;
   SE3 T_body_camera;
@@ -70,6 +71,7 @@ struct SensorCounters {
   std::uint64_t undecodable = 0;  ///< samples that are none of their type
   std::uint64_t hostile = 0;      ///< beyond the bounds of the format, or not finite
   std::uint64_t stale = 0;        ///< of an earlier run or step, or older than what was handed out
+  std::uint64_t foreign = 0;      ///< of another sender of the same topic and run, while the first one is there
   std::uint64_t lost = 0;         ///< numbers of odometry that never came: the vehicle was too slow, or the network
 };
 
@@ -98,8 +100,8 @@ class SensorReader {
   /// The vehicle is done with that step: the sender may make the next one. On the clock it does nothing.
   void done(const SensorBatch& batch);
 
-  /// Nothing until the sender has said it. Throws ConfigError if it has said something that is no camera; see
-  /// CameraModel.
+  /// Of the run of the last batch, or of one that has begun since; nothing until the sender has said it. Throws
+  /// ConfigError if it has said something that is no camera; see CameraModel.
   std::optional<MountedCamera> camera() const;
 
   const SensorCounters& counters() const;

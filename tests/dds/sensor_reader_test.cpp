@@ -27,6 +27,7 @@ namespace {
 
 namespace edds = eprosima::fastdds::dds;
 namespace wire = sensors::v1;
+using eprosima::fastrtps::types::ReturnCode_t;
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 
@@ -83,8 +84,7 @@ class Sensors {
   std::pair<std::uint64_t, std::uint32_t> answer() {
     wire::StepDone done;
     edds::SampleInfo info;
-    EXPECT_TRUE(eventually(
-        [&] { return done_->take_next_sample(&done, &info) == eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK; }));
+    EXPECT_TRUE(eventually([&] { return done_->take_next_sample(&done, &info) == ReturnCode_t::RETCODE_OK; }));
     EXPECT_EQ(done.vehicle(), vehicle);
     return {done.run(), done.step()};
   }
@@ -327,6 +327,92 @@ TEST(SensorReader, WhoBeginsAnewIsHeardAndItsEarlierRunIsNot) {
   say(sensors.odometry, odometry(100.1, 501));
   EXPECT_FALSE(reader.next(0.5));
   EXPECT_EQ(reader.counters().stale, 1U);
+}
+
+TEST(SensorReader, OfTwoWhoSendTheSameTheFirstIsHeardForAsLongAsItIsThere) {
+  auto first = std::make_unique<Sensors>();
+  SensorReader reader(params());
+  say(first->odometry, odometry(1.0, 1));
+  say(first->frames, picture(1.0, 1));
+  say(first->cameras, calibration());
+  (void)readings(reader, 2);
+  EXPECT_TRUE(eventually([&] {
+    EXPECT_FALSE(reader.next(0.1));
+    return reader.camera().has_value();
+  }));
+
+  Sensors second;
+  auto other_camera = calibration();
+  other_camera.fx(999.0);
+  say(second.odometry, odometry(2.0, 2));
+  say(second.frames, picture(2.0, 2));
+  say(second.cameras, other_camera);
+  EXPECT_TRUE(eventually([&] {
+    EXPECT_FALSE(reader.next(0.1));
+    return reader.counters().foreign == 3;
+  })) << reader.counters().foreign;
+  EXPECT_EQ(reader.camera()->calibration.fx, 400.0);
+  say(first->odometry, odometry(2.5, 2));
+  EXPECT_EQ(stamp_of(readings(reader, 1).at(0)), 2.5);
+
+  first.reset();
+  std::uint32_t number = 3;
+  EXPECT_TRUE(eventually([&] {
+    say(second.odometry, odometry(number, number));
+    ++number;
+    return reader.next(0.1).has_value();
+  }));
+}
+
+TEST(SensorReader, TheCameraIsThatOfTheRunThatIsHeard) {
+  Sensors first, second;
+  SensorReader reader(params());
+  say(first.cameras, calibration());
+  say(first.odometry, odometry(1.0, 1));
+  (void)readings(reader, 1);
+  EXPECT_TRUE(eventually([&] {
+    EXPECT_FALSE(reader.next(0.1));
+    return reader.camera().has_value();
+  }));
+  EXPECT_EQ(reader.camera()->run, run);
+  auto other_camera = calibration();
+  other_camera.header().run(run + 1);
+  other_camera.fx(999.0);
+  say(second.cameras, other_camera);
+  EXPECT_TRUE(eventually([&] {
+    EXPECT_FALSE(reader.next(0.1));
+    return reader.camera()->run == run + 1;
+  }));
+  say(first.odometry, odometry(2.0, 2));
+  EXPECT_FALSE(reader.next(0.5)) << "readings of one run with the camera of another";
+  EXPECT_EQ(reader.counters().stale, 1U);
+}
+
+TEST(SensorReader, OfARunThatHasBegunThereIsNoCameraUntilItIsSaid) {
+  Sensors first, second;
+  SensorReader reader(params());
+  const auto has_camera = [&] {
+    (void)reader.next(0.1);
+    return reader.camera().has_value();
+  };
+  say(first.cameras, calibration());
+  EXPECT_TRUE(eventually(has_camera));
+  auto anew = odometry(0.1, 1);
+  anew.header().run(run + 1);
+  say(second.odometry, anew);
+  const auto batch = reader.next(deadline_s);
+  ASSERT_TRUE(batch);
+  EXPECT_EQ(batch->run, run + 1);
+  EXPECT_FALSE(reader.camera()) << "that of the run before";
+
+  auto other_camera = calibration();
+  other_camera.header().run(run + 1);
+  say(second.cameras, other_camera);
+  ASSERT_EQ(second.cameras->wait_for_acknowledgments({20, 0}), ReturnCode_t::RETCODE_OK);
+  say(first.cameras, calibration());  // takes nothing from the one that is not yet taken
+  ASSERT_EQ(first.cameras->wait_for_acknowledgments({20, 0}), ReturnCode_t::RETCODE_OK);
+  EXPECT_TRUE(eventually(has_camera));
+  EXPECT_EQ(reader.camera()->run, run + 1);
 }
 
 TEST(SensorReader, SaysWhatTheCameraIsAlsoToWhoComesLate) {
