@@ -16,6 +16,11 @@ namespace {
 constexpr double gap_m = 20.0, speed_mps = 2.0;
 constexpr double loop_s = 250.0;  // about: what the route takes at that speed
 
+/// Of no meaning but to be another one than those of others.
+std::uint64_t new_run() {
+  return static_cast<std::uint64_t>(std::chrono::system_clock::now().time_since_epoch().count());
+}
+
 double steady_s() { return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
 
 std::vector<VehicleId> ids_of(const Scenario<SE3>& scenario) {
@@ -62,7 +67,8 @@ CameraDrive::CameraDrive(const std::filesystem::path& run_folder, const Scenario
       streets_(streets),
       sensor_domain_(free_domain_beside(fleet_domain, 10)),
       truth_domain_(free_domain_beside(fleet_domain, 20)),
-      truth_(truth_domain_, run_folder, ids_of(scenario)) {}
+      run_(new_run()),
+      truth_(truth_domain_, run_, run_folder, ids_of(scenario)) {}
 
 void CameraDrive::equip(VehicleConfig<SE3>& config) const {
   config.camera.domain = sensor_domain_;
@@ -81,6 +87,8 @@ void CameraDrive::start() {
                                    text(speed_mps),
                                    "--seed",
                                    std::to_string(seed_),
+                                   "--run",
+                                   std::to_string(run_),
                                    "--lock-step",
                                    "--deadline",
                                    "120",
@@ -107,6 +115,15 @@ void CameraDrive::tend() {
 std::optional<std::string> CameraDrive::fault() {
   if (!simulator_->ended() || simulator_->succeeded()) return std::nullopt;
   return *simulator_->ended() + "; see " + (folder_ / "simulator.txt").string();
+}
+
+std::optional<std::string> CameraDrive::warning() {
+  const TruthCounters& refused = truth_.counters();
+  if (warned_ || refused.foreign + refused.unusable == 0) return std::nullopt;
+  warned_ = true;
+  return (refused.foreign > 0 ? "another simulator tells its truth on DDS domain "
+                              : "somebody says what is no truth on DDS domain ") +
+         std::to_string(truth_domain_) + ", too: that is not used; end who does, or take another --domain";
 }
 
 void CameraDrive::write_truth(Scenario<SE3>& scenario) const {

@@ -44,6 +44,8 @@ class CameraDrive {
   void tend();
   /// Why the simulator ended before the drive did; nothing if it did not.
   std::optional<std::string> fault();
+  /// Once, that somebody else speaks where the truth does.
+  std::optional<std::string> warning();
   /// After the drive: the truth, into the scenario and the run folder.
   void write_truth(Scenario<SE3>& scenario) const;
 
@@ -56,8 +58,10 @@ class CameraDrive {
   std::uint64_t seed_;
   CameraStreets streets_;
   std::uint32_t sensor_domain_, truth_domain_;
+  std::uint64_t run_;
   TruthListener truth_;
   std::unique_ptr<ChildProcess> simulator_;
+  bool warned_ = false;
   double began_s_ = 0.0, ended_s_ = 0.0,
          last_s_ = 0.0;  // wall time of the first step and of the last, and when that is
 };

@@ -274,6 +274,7 @@ class Demo {
   // False: the simulator has given up, and there is nothing to wait for.
   bool tend_camera() {
     camera_->tend();
+    if (const auto warning = camera_->warning()) std::printf("\n      %s\n", warning->c_str());
     const auto fault = camera_->fault();
     if (!fault) return true;
     settled_ = false;

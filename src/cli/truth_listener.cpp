@@ -2,6 +2,7 @@
 
 #include <convoy/idl/sensorsPubSubTypes.h>
 #include <convoy/config_error.hpp>
+#include <convoy/dds/guarded_type.hpp>
 #include <convoy/idl/sensors_qos.hpp>
 
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
@@ -17,11 +18,32 @@
 #include <deque>
 #include <fstream>
 #include <map>
+#include <optional>
 #include <sstream>
 
 #include "evaluate/run_folder.hpp"
 #include "evaluate/truth_depth.hpp"
 #include "scenario/table_file.hpp"
+
+namespace convoy::sensors::v1 {
+
+static void scan_header(dds::WireScan& wire) {
+  wire.skip(4);  // vehicle
+  wire.skip(8);
+  wire.skip(4);
+  wire.skip(8);
+}
+void scan(dds::WireScan& wire, const Truth*) {
+  scan_header(wire);
+  wire.skip(8, 13);
+}
+void scan(dds::WireScan& wire, const TruthDepth*) {
+  scan_header(wire);
+  wire.skip(4, 3);
+  wire.sequence(4, 1280 * 1024);
+}
+
+}  // namespace convoy::sensors::v1
 
 namespace convoy::cli {
 
@@ -31,32 +53,18 @@ using eprosima::fastrtps::types::ReturnCode_t;
 
 namespace {
 
-/// What cannot be read becomes a sample of vehicle 0.
-template <class PubSubType>
-class Guarded final : public PubSubType {
- public:
-  Guarded() {
-    this->auto_fill_type_object(false);
-    this->auto_fill_type_information(false);
-  }
-  bool deserialize(eprosima::fastrtps::rtps::SerializedPayload_t* payload, void* data) override {
-    try {
-      if (PubSubType::deserialize(payload, data)) return true;
-    } catch (...) {
-    }
-    *static_cast<typename PubSubType::type*>(data) = {};
-    return true;
-  }
-};
-
 template <class Entity>
 Entity* need(Entity* entity) {
   if (entity == nullptr) throw ConfigError("truth: Fast DDS does not make what listens to it; its log says why");
   return entity;
 }
 
-SE3 pose_of(const std::array<double, 7>& p) {
-  return SE3(Eigen::Vector4d(p[3], p[4], p[5], p[6]), Eigen::Vector3d(p[0], p[1], p[2]));
+/// Nothing if it is no pose.
+std::optional<SE3> pose_of(const std::array<double, 7>& p) {
+  const Eigen::Vector3d t(p[0], p[1], p[2]);
+  const Eigen::Vector4d q(p[3], p[4], p[5], p[6]);
+  if (!t.allFinite() || !(std::abs(q.norm() - 1.0) < 1e-6)) return std::nullopt;
+  return SE3(q, t);
 }
 
 double median(std::vector<double> values) {
@@ -84,8 +92,9 @@ struct Heard {
 }  // namespace
 
 struct TruthListener::Impl {
-  Impl(std::uint32_t domain, const std::filesystem::path& run_folder, const std::vector<VehicleId>& vehicles)
-      : folder(run_folder) {
+  Impl(std::uint32_t domain, std::uint64_t run_number, const std::filesystem::path& run_folder,
+       const std::vector<VehicleId>& vehicles)
+      : run(run_number), folder(run_folder) {
     for (const VehicleId id : vehicles) heard[id];
     edds::DomainParticipantQos qos;
     qos.name("convoy demo: truth");
@@ -97,8 +106,8 @@ struct TruthListener::Impl {
     qos.transport().user_transports = {udp};
     participant = need(factory->create_participant(domain, qos, nullptr, edds::StatusMask::none()));
     subscriber = need(participant->create_subscriber(edds::SubscriberQos()));
-    poses = reader(new Guarded<wire::TruthPubSubType>, "Truth", 400);
-    depths = reader(new Guarded<wire::TruthDepthPubSubType>, "TruthDepth", 8);
+    poses = reader(new dds::GuardedType<wire::TruthPubSubType>, "Truth", 400);
+    depths = reader(new dds::GuardedType<wire::TruthDepthPubSubType>, "TruthDepth", 8);
   }
   ~Impl() {
     participant->delete_contained_entities();
@@ -115,25 +124,37 @@ struct TruthListener::Impl {
     return need(subscriber->create_datareader(topic, wire::endpoint_qos<edds::DataReaderQos>(depth)));
   }
 
+  /// Calls use(of its vehicle, sample) for each sample of this run; false: it is none.
   template <class Sample, class Use>
   void take_from(edds::DataReader* from, const Use& use) {
     edds::SampleInfo info;
-    Sample sample;
-    while (from->take_next_sample(&sample, &info) == ReturnCode_t::RETCODE_OK) {
-      const auto of = heard.find(sample.vehicle());
-      if (info.valid_data && of != heard.end()) use(of->second, sample);
+    dds::Guarded<Sample> received;
+    for (; from->take_next_sample(&received, &info) == ReturnCode_t::RETCODE_OK;
+         received.decoding = dds::Decoding::none) {
+      if (!info.valid_data) continue;
+      if (received.decoding != dds::Decoding::ok || !std::isfinite(received.sample.header().stamp_s())) {
+        ++counters.unusable;
+      } else if (received.sample.header().run() != run) {
+        ++counters.foreign;
+      } else if (const auto of = heard.find(received.sample.vehicle()); of != heard.end()) {
+        if (!use(of->second, received.sample)) ++counters.unusable;
+      }
     }
   }
 
   void take() {
     take_from<wire::Truth>(poses, [](Heard& h, wire::Truth& sample) {
-      h.poses[sample.header().step()] = {sample.header().stamp_s(), pose_of(sample.T_world_body())};
+      const auto pose = pose_of(sample.T_world_body());
+      if (pose) h.poses[sample.header().step()] = {sample.header().stamp_s(), *pose};
+      return pose.has_value();
     });
     take_from<wire::TruthDepth>(depths, [](Heard& h, wire::TruthDepth& sample) {
-      if (sample.depth().size() != static_cast<std::size_t>(sample.width()) * sample.height()) return;
+      if (sample.width() > 1280 || sample.height() > 1024 || sample.depth().size() != sample.width() * sample.height())
+        return false;
       h.frames.push_back({sample.header().stamp_s(), sample.header().step(), static_cast<int>(sample.width()),
                           static_cast<int>(sample.height()), std::move(sample.depth())});
       if (h.frames.size() > kept_frames) h.frames.pop_front();
+      return true;
     });
     for (auto& [id, h] : heard) read_sightings(id, h);
   }
@@ -160,23 +181,25 @@ struct TruthListener::Impl {
     if (frame == h.frames.end()) return;
     const auto pose = h.poses.find(frame->step);
     const double depth_m = depth_of_corner(frame->depth_m, frame->width, frame->height, row[2], row[3]);
-    if (pose == h.poses.end() || depth_m <= 0.0) return;
+    if (pose == h.poses.end() || !(std::isfinite(depth_m) && depth_m > 0.0)) return;
     const Eigen::Vector3d origin(row[4], row[5], row[6]), per_m(row[7], row[8], row[9]);
     h.tracks[static_cast<std::uint64_t>(row[0])].push_back(pose->second.T_world_body * (origin + depth_m * per_m));
   }
 
   static constexpr std::size_t kept_frames = 12;
+  const std::uint64_t run;
   const std::filesystem::path folder;
   std::map<VehicleId, Heard> heard;
+  TruthCounters counters;
   std::shared_ptr<edds::DomainParticipantFactory> factory = edds::DomainParticipantFactory::get_shared_instance();
   edds::DomainParticipant* participant = nullptr;
   edds::Subscriber* subscriber = nullptr;
   edds::DataReader *poses = nullptr, *depths = nullptr;
 };
 
-TruthListener::TruthListener(std::uint32_t domain, const std::filesystem::path& run_folder,
+TruthListener::TruthListener(std::uint32_t domain, std::uint64_t run, const std::filesystem::path& run_folder,
                              const std::vector<VehicleId>& vehicles)
-    : impl_(std::make_unique<Impl>(domain, run_folder, vehicles)) {}
+    : impl_(std::make_unique<Impl>(domain, run, run_folder, vehicles)) {}
 
 TruthListener::~TruthListener() = default;
 
@@ -190,6 +213,8 @@ std::vector<TruthPose<SE3>> TruthListener::path(VehicleId vehicle) const {
   }
   return path;
 }
+
+const TruthCounters& TruthListener::counters() const { return impl_->counters; }
 
 double TruthListener::time_s() const {
   double latest_s = 0.0;

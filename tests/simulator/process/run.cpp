@@ -34,7 +34,7 @@ class Run {
     topics.deadline_s = options.deadline_s;
     topics.depth = options.depth;
     find_expected();
-    topics_ = std::make_unique<SensorTopics>(topics, source.vehicles(), number_of_run());
+    topics_ = std::make_unique<SensorTopics>(topics, source.vehicles(), options.run.value_or(number_of_run()));
     if (!options.record.empty())
       recorder_ = std::make_unique<Recorder>(
           options.record,

@@ -77,6 +77,9 @@ void add_topics(CLI::App& app, SimOptions& options) {
       ->check(CLI::Range(0, 232));
   app.add_option("--domain-truth", options.truth_domain, "DDS domain of the truth, 0..232 (default: 11)")
       ->check(CLI::Range(0, 232));
+  app.add_option("--run", options.run,
+                 "number of the run, 1 or more, another one than of the run before (default: the time)")
+      ->check(whole_number);
   app.add_flag("--lock-step", options.lock_step, "each step waits until all vehicles have done it");
   app.add_option("--rate", options.rate, "simulated seconds per second, 0.01 to 1000 (default: 1)")
       ->check(number_in(0.01, 1000.0));
@@ -91,6 +94,7 @@ void add_topics(CLI::App& app, SimOptions& options) {
 std::string fault_of(const SimOptions& options, const CLI::App& app) {
   if (options.sensor_domain == options.truth_domain)
     return "--domain-sensors and --domain-truth are the same; the truth is not for the vehicles";
+  if (options.run == 0U) return "--run 0: runs are numbered from 1 on";
   if (!options.replay.empty() && !options.record.empty()) return "--record and --replay exclude each other";
   if (options.lock_step && app.count("--rate") > 0)
     return "--rate and --lock-step exclude each other: in lock-step the vehicles set the pace";

@@ -32,6 +32,7 @@ struct SimOptions {
 
   // Who is told, and when.
   std::uint32_t sensor_domain = 10, truth_domain = 11;
+  std::optional<std::uint64_t> run;  ///< what all samples hold, > 0; none: one of its own
   bool lock_step = false;
   std::optional<int> wait_for;  ///< vehicles, the first ones; default: in lock-step all, else none
   double rate = 1.0;            ///< simulated seconds per second; not in lock-step

@@ -37,6 +37,7 @@ TEST(Options, AreChecked) {
   expect_refused("--lock-step --rate 2", "--rate");
   expect_refused("--replay x --record y", "exclude each other");
   expect_refused("--replay x --seed 2", "--seed");
+  expect_refused("--run 0", "numbered from 1 on");
   expect_refused("--fast", "--fast");
   expect_refused("--route nowhere" + block, "no route 'nowhere'");
   expect_refused("--vehicles 2 --route loop,loop,loop" + block, "names 3 routes for 2 vehicles");
