@@ -91,14 +91,12 @@ TEST(World, ThatIsNoneIsRefused) {
 }
 
 /// Records until a file of the recording is to grow beyond so many bytes: which one that is.
-void expect_told_of_full_disk(const fs::path& folder, rlim_t bytes, const std::string& file) {
-  const FullDisk full(bytes);
-  const Outcome outcome = run_sim("--gps rtk --duration 3 --lock-step --wait-for 0 --record " + folder.string() +
-                                  block + domains_of_this_test());
+void expect_told_of_full_disk(const fs::path& folder, int bytes, const std::string& file) {
+  const Outcome outcome = run_sim_on_full_disk(bytes, "--gps rtk --duration 3 --lock-step --wait-for 0 --record " +
+                                                          folder.string() + block + domains_of_this_test());
   EXPECT_EQ(outcome.status, 2) << bytes << "\n" << outcome.output;
-  EXPECT_NE(outcome.output.find(file + " cannot be written: File too large; make room there"), std::string::npos)
-      << bytes << "\n"
-      << outcome.output;
+  const std::string words = file + " cannot be written: File too large; make room there";
+  EXPECT_NE(outcome.output.find(words), std::string::npos) << bytes << "\n" << outcome.output;
   EXPECT_FALSE(fs::exists(folder / "end.json")) << bytes;
 }
 
@@ -107,7 +105,7 @@ TEST(FullDisk, IsToldAndTheRecordingIsRefused) {
   expect_told_of_full_disk(scratch / "first", 100, "run.json");
   expect_told_of_full_disk(scratch / "early", 500, "camera.yaml");
   expect_told_of_full_disk(scratch / "picture", 1500, "000000.png");
-  expect_told_of_full_disk(scratch / "table", 12'000, "odometry.csv");
+  expect_told_of_full_disk(scratch / "table", 6000, "odometry.csv");
 
   const std::string replay = "--lock-step --wait-for 0 --replay ";
   expect_refused(replay + (scratch / "table").string(), "end.json is missing");
@@ -120,8 +118,8 @@ TEST(FullDisk, IsToldAndTheRecordingIsRefused) {
 
 TEST(FullDisk, IsToldOfASnapshot) {
   const ScratchFolder scratch;
-  const FullDisk full(1500);
-  const Outcome outcome = run_sim("--duration 0.1 --snapshot " + (scratch / "view.png").string() + block);
+  const Outcome outcome =
+      run_sim_on_full_disk(1500, "--duration 0.1 --snapshot " + (scratch / "view.png").string() + block);
   EXPECT_EQ(outcome.status, 2) << outcome.output;
   EXPECT_NE(outcome.output.find("view.png cannot be written"), std::string::npos) << outcome.output;
 }

@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include <chrono>
+#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <set>
@@ -37,17 +38,6 @@ ScratchFolder::ScratchFolder() {
 ScratchFolder::~ScratchFolder() {
   std::error_code ignored;
   std::filesystem::remove_all(path_, ignored);
-}
-
-FullDisk::FullDisk(rlim_t bytes) : handler_before_(signal(SIGXFSZ, SIG_IGN)) {  // so that the write fails
-  getrlimit(RLIMIT_FSIZE, &before_);
-  const rlimit small{bytes, before_.rlim_max};
-  setrlimit(RLIMIT_FSIZE, &small);
-}
-
-FullDisk::~FullDisk() {
-  setrlimit(RLIMIT_FSIZE, &before_);
-  signal(SIGXFSZ, handler_before_);
 }
 
 Process::Process(const std::vector<std::string>& command, std::filesystem::path output) : output_(std::move(output)) {
@@ -112,6 +102,17 @@ Outcome run_sim(const std::string& arguments) {
   Process process(sim_command(arguments), scratch / "output");
   const int status = process.wait();
   return {status, process.output()};
+}
+
+Outcome run_sim_on_full_disk(int bytes, const std::string& arguments) {
+  const std::string limits = "trap '' XFSZ; exec prlimit --fsize=" + std::to_string(bytes);  // so that a write fails
+  FILE* pipe = popen((limits + " '" CONVOY_SIM "' " + arguments + " 2>&1").c_str(), "r");
+  if (pipe == nullptr) throw std::runtime_error("no shell for the test");
+  Outcome outcome;
+  char part[4096];
+  while (const std::size_t size = std::fread(part, 1, sizeof part, pipe)) outcome.output.append(part, size);
+  outcome.status = WEXITSTATUS(pclose(pipe));
+  return outcome;
 }
 
 std::string read_text(const std::filesystem::path& file) {

@@ -1,7 +1,6 @@
 // Processes for the tests: started, waited for with a deadline, and killed when they go out of scope.
 #pragma once
 
-#include <sys/resource.h>
 #include <sys/types.h>
 
 #include <filesystem>
@@ -21,19 +20,6 @@ class ScratchFolder {
 
  private:
   std::filesystem::path path_;
-};
-
-/// While it lives, processes that are started write no file beyond so many bytes: as if the disk were full there.
-class FullDisk {
- public:
-  explicit FullDisk(rlim_t bytes);
-  ~FullDisk();
-  FullDisk(const FullDisk&) = delete;
-  FullDisk& operator=(const FullDisk&) = delete;
-
- private:
-  rlimit before_ = {};
-  void (*handler_before_)(int);
 };
 
 class Process {
@@ -66,6 +52,8 @@ inline const std::string block = " --drop 0 --camera 64x48 --world " CONVOY_SIM_
 
 /// convoy-sim with the words of `arguments`, to its end.
 Outcome run_sim(const std::string& arguments);
+/// It can write no file beyond so many bytes: as if the disk were full there.
+Outcome run_sim_on_full_disk(int bytes, const std::string& arguments);
 std::vector<std::string> sim_command(const std::string& arguments);
 std::vector<std::string> vehicle_command(const std::string& arguments);
 
