@@ -1,6 +1,10 @@
 // A fact crosses two exchanges of an installed convoy, on loopback, with an installed profile.
 #include <convoy/dds/dds_exchange.hpp>
+#include <convoy/dds/sensor_reader.hpp>
 #include <convoy/geometry/groups.hpp>
+#include <convoy/idl/sensors_qos.hpp>
+
+#include <fastdds/dds/publisher/qos/DataWriterQos.hpp>
 
 #include <cstdio>
 #include <exception>
@@ -19,6 +23,9 @@ int main() try {
   if (!receiver.wait_for_messages(20.0)) return 3;
   const auto messages = receiver.take(0.0);
   const bool whole = messages.size() == 1 && hash_of(std::get<AnchorFact<SE2>>(messages[0].payload)) == hash_of(anchor);
+  // Drivers that send sensors of their own.
+  namespace edds = eprosima::fastdds::dds;
+  if (sensors::v1::endpoint_qos<edds::DataWriterQos>(4).history().depth != 4) return 6;
   std::printf("%zu message, %s\n", messages.size(), whole ? "whole" : "not the one that was sent");
   return whole ? 0 : 4;
 } catch (const std::exception& error) {
