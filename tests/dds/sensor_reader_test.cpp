@@ -474,7 +474,7 @@ TEST(SensorReader, DrivesThroughTheSimulatorStepByStep) {
   const std::uint32_t domain = domain_of_this_test();
   Child sim({simulator, "--lock-step", "--vehicles", "1", "--duration", "2", "--gps", "rtk", "--drop", "0", "--camera",
              "64x48", "--world", CONVOY_SIM_TEST_MAP, "--domain-sensors", std::to_string(domain), "--domain-truth",
-             std::to_string(domain - 1)});
+             std::to_string(domain - 1), "--run=77"});
   SensorReaderParams of_one = params(true);
   of_one.vehicle = 1;
   SensorReader reader(of_one);
@@ -483,6 +483,7 @@ TEST(SensorReader, DrivesThroughTheSimulatorStepByStep) {
   for (bool last = false; !last;) {
     const auto batch = reader.next(deadline_s);
     ASSERT_TRUE(batch);
+    EXPECT_EQ(batch->run, 77U);
     for (const SensorReading& reading : batch->readings) {
       ++count[reading.index()];
       stamp_s = std::max(stamp_s, stamp_of(reading));

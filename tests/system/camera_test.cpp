@@ -6,6 +6,8 @@
 #include <fstream>
 
 #include "command.hpp"
+#include "free_domains.hpp"
+#include "scenario/scenario.hpp"
 
 namespace convoy::testing {
 namespace {
@@ -87,6 +89,25 @@ TEST_F(CameraVehicle, ADemoOfTwoIsJudgedByWhatTheirPixelsShow) {
   for (const auto& vehicle : metrics["vehicles"]) EXPECT_GT(vehicle["poses_judged"], 5) << vehicle;
   EXPECT_GT(read_json(run / "run.json")["real_time_factor"], 0.0);
   EXPECT_TRUE(fs::exists(run / "report.html"));
+}
+
+TEST_F(CameraVehicle, ADemoIsJudgedByTheTruthOfItsOwnSimulatorThoughAnotherTellsIts) {
+  const auto truth_domain = cli::free_domain_beside(static_cast<std::uint32_t>(fleet_domain_), 20);
+  const Background other(
+      {"sim", "--vehicles", "2", "--speed", "10", "--camera", "64x48", "--duration", "1000", "--domain-sensors",
+       std::to_string(sensor_domain()), "--domain-truth", std::to_string(truth_domain)},
+      scratch_ / "other");
+  const fs::path run = scratch_ / "run";
+  const Outcome outcome =
+      run_convoy("demo --distance 20 --domain " + std::to_string(fleet_domain_) + " --out " + run.string());
+  const std::string words = "another simulator tells its truth on DDS domain " + std::to_string(truth_domain);
+  EXPECT_NE(outcome.output.find(words), std::string::npos) << outcome.output << read_text(scratch_ / "other");
+  const auto truth = cli::read_truth<SE3>(cli::truth_file(run, 1));
+  EXPECT_GT(truth.size(), 50U);
+  for (std::size_t i = 1; i < truth.size(); ++i) {
+    const double step_m = (truth[i].T_world_body.translation() - truth[i - 1].T_world_body.translation()).norm();
+    EXPECT_LT(step_m, 0.5) << truth[i].t_s;  // 2 m/s at 10 Hz
+  }
 }
 
 TEST_F(CameraVehicle, ADemoOfLandmarksRefusesWhatIsOfCameras) {
