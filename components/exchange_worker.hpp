@@ -33,7 +33,7 @@ class ExchangeWorker final : public SubmapExchange<G> {
   /// Calls `open`, which may throw ConfigError, and again from its own thread whenever the network ails. Throws
   /// RangeError.
   ExchangeWorker(Open open, const BudgetParams& budget, const WatchdogParams& watchdog);
-  /// Sends what the budget allows at once, for a second at most, then closes the network.
+  /// Sends what the budget allows at once, then closes the network. After a second no more is begun.
   ~ExchangeWorker() override;
   ExchangeWorker(const ExchangeWorker&) = delete;
   ExchangeWorker& operator=(const ExchangeWorker&) = delete;

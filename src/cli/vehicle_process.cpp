@@ -160,9 +160,9 @@ class VehicleRun {
     print_status(end_s, source_.exhausted(), snapshot);
     vehicle_.shutdown();
     if (snapshot.facts_lost > 0)
-      spdlog::warn(
-          "{} facts are missing here (facts_lost): nobody who is left has them, or they were still on their way",
-          snapshot.facts_lost);
+      spdlog::warn("{} facts are declared missing (facts_lost): nobody who is left has them", snapshot.facts_lost);
+    if (snapshot.facts_missing > 0)
+      spdlog::warn("{} facts are not here (facts_missing): they were still on their way", snapshot.facts_missing);
     if (refused_)
       throw ConfigError(
           config_.file.string() + ": vehicle " + std::to_string(config_.vehicle.id) +

@@ -7,6 +7,7 @@
 #include <fastdds/rtps/writer/WriterDiscoveryInfo.h>
 #include <fastrtps/utils/IPLocator.h>
 
+#include <algorithm>
 #include <sstream>
 
 namespace convoy::dds {
@@ -17,6 +18,9 @@ namespace {
 
 /// A handshake takes a fraction of a second, or, where messages are lost, some of its repeats at 0.5, 1, 2, 4 s.
 constexpr std::chrono::seconds patience{10};
+
+/// Writers that are gone and known still. A vehicle has twelve.
+constexpr std::size_t gone_writers = 1200;
 
 /// What an announcement says of itself, which proves nothing; empty if it does not.
 std::string claimed_authority(const rtps::ParticipantProxyData& peer) {
@@ -75,15 +79,26 @@ void Admission::on_participant_discovery(eprosima::fastdds::dds::DomainParticipa
 
 void Admission::on_publisher_discovery(eprosima::fastdds::dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& info) {
   const std::lock_guard lock(mutex_);
+  const rtps::GUID_t writer = info.info.guid();
   if (info.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) {
-    speakers_.erase(info.info.guid());
+    leave(writer);
     return;
   }
   const std::vector<std::string> partitions = info.info.m_qos.m_partition.names();
   const VehicleId vehicle = partitions.size() == 1 ? vehicle_of_partition(partitions[0]) : 0;
-  const auto [at, fresh] = speakers_.try_emplace(info.info.guid(), vehicle);
-  if (!fresh && at->second != vehicle)
-    at->second = 0;  // a writer of ours never moves, and a match may outlast the move
+  const auto [at, fresh] = speakers_.try_emplace(writer, vehicle);
+  if (fresh) return;
+  std::erase(gone_, writer);
+  if (at->second != vehicle) at->second = 0;  // a writer of ours never moves, and a match may outlast the move
+}
+
+// Its last samples may still lie in a reader.
+void Admission::leave(const rtps::GUID_t& writer) {
+  if (!speakers_.contains(writer) || std::find(gone_.begin(), gone_.end(), writer) != gone_.end()) return;
+  gone_.push_back(writer);
+  if (gone_.size() <= gone_writers) return;
+  speakers_.erase(gone_.front());
+  gone_.pop_front();
 }
 
 VehicleId Admission::speaker(const rtps::GUID_t& writer) {

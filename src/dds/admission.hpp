@@ -9,6 +9,7 @@
 
 #include <atomic>
 #include <chrono>
+#include <deque>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -29,8 +30,8 @@ class Admission final : public eprosima::fastdds::dds::DomainParticipantListener
   SecurityCounters counters();
   std::string last_refused();
 
-  /// The vehicle in whose partition a writer is whose samples are received; 0: nobody's. Fast DDS matches a writer only
-  /// if the permissions of the certificate that its participant has shown allow the partition.
+  /// The vehicle in whose partition a writer is, or was, whose samples are received; 0: nobody's. Fast DDS matches a
+  /// writer only if the permissions of the certificate that its participant has shown allow the partition.
   VehicleId speaker(const eprosima::fastrtps::rtps::GUID_t& writer);
 
   /// RTPS messages that the gate has stopped.
@@ -53,11 +54,13 @@ class Admission final : public eprosima::fastdds::dds::DomainParticipantListener
   };
   void refuse(Newcomer& newcomer);
   void refuse_who_prove_nothing();
+  void leave(const eprosima::fastrtps::rtps::GUID_t& writer);
 
   const std::string authority_;
   std::mutex mutex_;
   std::map<eprosima::fastrtps::rtps::GuidPrefix_t, Newcomer> newcomers_;  // those that announce themselves
   std::map<eprosima::fastrtps::rtps::GUID_t, VehicleId> speakers_;        // writer -> vehicle
+  std::deque<eprosima::fastrtps::rtps::GUID_t> gone_;                     // of these, the last one behind
   SecurityCounters counters_;
   std::string last_refused_;
 };

@@ -141,10 +141,11 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
   bool write(Sample& sample) { return writer_->write(&sample); }
   bool keeps_history() const { return writer_->get_qos().durability().kind != edds::VOLATILE_DURABILITY_QOS; }
 
-  /// What has come in since the last time, into the inbox. The receiver's.
+  /// What has come in since the last time, into the inbox. Where that is much, the other topics have their turn before
+  /// the rest. The receiver's.
   void drain() noexcept {
     if (!filled_.exchange(false)) return;
-    do {
+    for (int n = 0; n < takes_in_a_row; ++n) {
       taken_.length(0), infos_.length(0);
       if (reader_->take(taken_, infos_, at_once) != ReturnCode_t::RETCODE_OK) return;
       for (int i = 0; i < taken_.length(); ++i) {
@@ -153,7 +154,9 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
           take_in(taken_[i], infos_[i]);
         taken_[i].decoding = Decoding::none;
       }
-    } while (taken_.length() == at_once);
+      if (taken_.length() < at_once) return;
+    }
+    on_data_available(reader_);
   }
 
   void on_data_available(edds::DataReader*) override {
@@ -256,7 +259,7 @@ class Channel final : public edds::DataWriterListener, public edds::DataReaderLi
   PeerTable& peers_;
   Receiver& receiver_;
   std::atomic<bool> filled_ = false;
-  static constexpr std::int32_t at_once = 16;
+  static constexpr std::int32_t at_once = 16, takes_in_a_row = 16;
   edds::LoanableSequence<Guarded<Sample>> taken_{at_once};
   edds::SampleInfoSeq infos_{at_once};
   edds::Topic* topic_ = nullptr;

@@ -75,7 +75,7 @@ struct DdsCounters {
 };
 
 /// Threads: send() and take() may be called from different threads, each from one at a time. Receiving threads of the
-/// middleware only convert and enqueue.
+/// middleware only wake one of the exchange's own, which converts and enqueues.
 ///
 /// Bytes: counters().bytes_sent counts every RTPS message of the participant (user data, discovery, heartbeats,
 /// acknowledgements, repeats) with the headers that carry it (see counting_transport.hpp). Link-layer headers are not

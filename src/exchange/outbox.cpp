@@ -58,7 +58,7 @@ auto Outbox<G>::place_of(const ChainId& sender, FactKind kind, const Key& key) -
 
 template <class G>
 bool Outbox<G>::note(FactKind kind, const Key& key) {
-  if (waiting_.contains({kind, key})) {
+  if (waiting_.contains({kind, key}) || (!returning_ && away_.contains({kind, key}))) {
     ++counters_.repeats;
     return false;
   }
@@ -186,6 +186,7 @@ void Outbox<G>::spend(double now_s, std::uint64_t bytes_sent) {
 template <class G>
 std::vector<Message<G>> Outbox<G>::next(double now_s, std::uint64_t bytes_sent) {
   spend(now_s, bytes_sent);
+  away_.clear();
   const bool in_debt = params_.bytes_per_s > 0.0 && tokens_ <= 0.0;
   if (in_debt && reserve_ <= 0.0) return {};
   std::optional<Traffic> chosen;
@@ -253,7 +254,8 @@ Message<G> Outbox<G>::take_fact(Facts& from) {
   message.repeated = !news_were_last_;
   std::visit(
       [&](const auto& fact) {
-        if constexpr (requires { fact.key; }) waiting_.erase({kind_of<std::decay_t<decltype(fact)>>, fact.key});
+        if constexpr (requires { fact.key; })
+          away_.insert(waiting_.extract({kind_of<std::decay_t<decltype(fact)>>, fact.key}));
       },
       message.payload);
   counters_.facts_waiting = waiting_.size();
@@ -268,7 +270,7 @@ Message<G> Outbox<G>::take_landmarks(std::map<Key, Batch>& batches) {
   auto& landmarks = best->second.landmarks;
   LandmarkBatch<G> batch;
   while (!landmarks.empty() && batch.landmarks.size() < params_.batch_limit) {
-    waiting_.erase({FactKind::landmark, landmarks.begin()->second.key});
+    away_.insert(waiting_.extract({FactKind::landmark, landmarks.begin()->second.key}));
     batch.landmarks.push_back(std::move(landmarks.begin()->second));
     landmarks.erase(landmarks.begin());
   }

@@ -27,7 +27,7 @@ void validate(const BudgetParams& params);
 
 struct OutboxCounters {
   std::uint64_t facts_waiting = 0;
-  std::uint64_t repeats = 0;   ///< facts that were waiting already
+  std::uint64_t repeats = 0;   ///< facts that were waiting already, or that the network had just been given
   std::uint64_t replaced = 0;  ///< digests, live poses and requests that a newer one took the place of
   std::uint64_t dropped = 0;   ///< facts beyond max_waiting
   std::uint64_t in_debt = 0;   ///< messages sent although the network by itself had spent the budget
@@ -53,7 +53,7 @@ class Outbox {
   /// ExchangeCounters::bytes_sent of the network, as of now.
   std::vector<Message<G>> next(double now_s, std::uint64_t bytes_sent);
 
-  /// What next() has handed out and the network did not take goes back to its place, unless something newer has it.
+  /// What next() handed out last and the network did not take goes back to its place, unless something newer has it.
   void put_back(std::vector<Message<G>> messages);
   /// It cannot be carried at all.
   void give_up() { ++counters_.unfit; }
@@ -101,6 +101,7 @@ class Outbox {
   bool returning_ = false;       // what put() is given now has been handed out before
   std::int64_t news_ahead_ = 0;  // of what is said again, while both wait; in landmarks
   std::set<FactId> waiting_;
+  std::set<FactId> away_;          // handed out by the last next(): the network may yet refuse them
   std::array<double, 3> spent_{};  // bytes over weight
   std::optional<Traffic> last_;    // what the bytes since then are put down to
   double tokens_, reserve_;        // bytes that may be spent; that may be, whatever the network spends by itself

@@ -14,6 +14,7 @@ constexpr double silent_after = 3.0;            // idle periods without a digest
 constexpr double prompt_within = 0.2;           // s; a digest for somebody new
 constexpr double prompt_apart = 0.5;            // s; however many are new
 constexpr double lost_period_s = 60.0;          // between two requests for what is declared missing
+constexpr double relapse_after = 2.0;           // longest backoffs without more of what was declared missing
 constexpr double share_of_asks = 0.8;  // that another's request takes from this vehicle's: it is answered for all
 constexpr double least_share = 0.05;   // of them is left to each, whatever others ask for
 constexpr std::uint32_t block = 32;    // indices that one answers at once
@@ -398,8 +399,15 @@ void RepairProtocol<G>::request_missing(const FactStore<G>& store, const Sequenc
   else if (lacking < wanted.lacking) wait(params_.backoff_min_s * (0.5 + 0.5 * uniform()));  // answers are flowing
   wanted.lacking = lacking;
   const bool author_is_there = heard_lately(sequence.first, now_s);
-  wanted.lost =
-      (now_s >= wanted.progress_s + params_.lost_after_s && !author_is_there) || store.is_full(sequence.first);
+  if (author_is_there) {
+    wanted.progress_s = now_s;
+    wanted.given_up = false;
+  }
+  // Some that came after all say little of the rest.
+  const double relapse_s = std::min(params_.lost_after_s, relapse_after * params_.backoff_max_s);
+  const double patience_s = wanted.given_up ? relapse_s : params_.lost_after_s;
+  wanted.lost = now_s >= wanted.progress_s + patience_s || store.is_full(sequence.first);
+  wanted.given_up = wanted.given_up || wanted.lost;
   if (now_s < wanted.next_s) return;
   if (!asks_.take(params_.asks_per_s, now_s) && !least_asks_.take(least_share * params_.asks_per_s, now_s)) {
     ++counters_.requests_waiting;

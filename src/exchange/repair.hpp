@@ -83,7 +83,7 @@ class RepairProtocol {
   bool all_agree(const FactStore<G>& store, double now_s) const;
 
   /// Facts known to exist and declared missing (RepairParams::lost_after_s). They go on being asked for, once a minute,
-  /// in case somebody comes back who holds them.
+  /// in case somebody comes back who holds them; while some of a sequence come, the others of it are not lost.
   std::uint64_t lost_count() const;
   std::uint64_t lost_count(const ChainId& chain) const;
 
@@ -94,12 +94,13 @@ class RepairProtocol {
     double next_s = 0.0;
     double backoff_s = 0.0;
     std::uint32_t lacking = 0;  // progress on the gap resets the backoff
-    double progress_s = 0.0;    // when there was some last
+    double progress_s = 0.0;    // when there was some last, or the author
     std::uint32_t asked = 0;    // lacking at the last request of our own
     std::uint32_t from = 0;     // where the next request begins
     std::uint8_t in_vain = 0;   // requests since the last that was answered well
     bool put_off = false;       // since the last request of our own
     bool lost = false;
+    bool given_up = false;  // it was lost before, and the author has not been there since
   };
   using SequenceId = std::pair<ChainId, FactKind>;
   using FactId = std::pair<FactKind, Key>;

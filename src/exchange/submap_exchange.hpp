@@ -58,8 +58,8 @@ class SubmapExchange {
     return status;
   }
 
-  /// All messages that have come in by `now_s` (the caller's clock), in order of arrival; never one's own. Does not
-  /// block.
+  /// All messages that have come in by `now_s` (the caller's clock); never one's own. Of one sender and kind, they are
+  /// in order of arrival, apart from what is said again (Message::repeated). Does not block.
   virtual std::vector<Message<G>> take(double now_s) = 0;
 
   virtual ExchangeCounters counters() const = 0;

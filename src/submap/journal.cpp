@@ -20,6 +20,7 @@ namespace {
 constexpr std::string_view mark = "fact";
 constexpr std::size_t head_size = mark.size() + 4 + 8;
 constexpr std::size_t largest_content = 1 << 20;  // an association of 4096 pairings takes 128 KB
+constexpr std::size_t note_size = 8;              // no fact is so short
 
 template <class G>
 std::string first_line() {
@@ -42,15 +43,25 @@ std::uint64_t get(std::span<const std::uint8_t> in) {
   return value;
 }
 
-template <class G>
-Bytes record_of(const AnyFact<G>& fact) {
-  Bytes content;
-  encode<G>(fact, content);
+Bytes record_around(const Bytes& content) {
   Bytes record(mark.begin(), mark.end());
   put(content.size(), 4, record);
   put(hash_of_bytes(content), 8, record);
   record.insert(record.end(), content.begin(), content.end());
   return record;
+}
+
+template <class G>
+Bytes record_of(const AnyFact<G>& fact) {
+  Bytes content;
+  encode<G>(fact, content);
+  return record_around(content);
+}
+
+Bytes note_of(std::uint64_t damaged_bytes) {
+  Bytes content;
+  put(damaged_bytes, note_size, content);
+  return record_around(content);
 }
 
 /// The content of the record that begins here; empty if none does.
@@ -152,22 +163,31 @@ void Journal<G>::restore(FactStore<G>& store) {
   std::span<const std::uint8_t> rest(all);
   rest = rest.subspan(line.size());
   std::uint64_t not_whole = 0;  // since the last record that was
+  std::uint64_t damaged = 0, told_of = 0;
   while (!rest.empty()) {
     const auto content = content_of_record(rest);
     const auto fact = decode<G>(content);
-    if (!fact) {
+    const bool note = content.size() == note_size;
+    if (!fact && !note) {
       const auto next = std::search(rest.begin() + 1, rest.end(), mark.begin(), mark.end());
       not_whole += static_cast<std::uint64_t>(next - rest.begin());
       rest = rest.subspan(static_cast<std::size_t>(next - rest.begin()));
       continue;
     }
-    counters_.damaged_bytes += std::exchange(not_whole, 0);
+    damaged += std::exchange(not_whole, 0);
+    rest = rest.subspan(head_size + content.size());
+    if (note) {
+      told_of = std::max(told_of, get(content));
+      continue;
+    }
     const Insertion taken = std::visit([&](const auto& f) { return store.insert(f); }, *fact);
     counters_.restored += taken == Insertion::inserted;
     counters_.refused += taken != Insertion::inserted && taken != Insertion::duplicate;
-    rest = rest.subspan(head_size + content.size());
   }
   if (not_whole > 0 && medium_->cut(all.size() - not_whole)) counters_.cut_bytes = not_whole;
+  if (damaged <= told_of) return;
+  counters_.damaged_bytes = damaged - told_of;
+  (void)medium_->append(note_of(damaged));  // a disk that does not take it is told of once more
 }
 
 template <class G>

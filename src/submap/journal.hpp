@@ -3,7 +3,8 @@
 // The file begins with one line that names the format and the dimension; then one record per fact: "fact", the length
 // of the content (4 bytes), its hash (8 bytes), the content (fact_codec.hpp). A record whose hash does not match is
 // passed over up to the next one that is whole; a tail that is none is cut off. The set of facts is what counts:
-// records may repeat, and come in any order.
+// records may repeat, and come in any order. A content of 8 bytes is no fact but a note: how many damaged bytes the
+// restarts until then have told of.
 #pragma once
 
 #include <convoy/submap/fact_codec.hpp>
@@ -32,9 +33,10 @@ class JournalMedium {
 std::unique_ptr<JournalMedium> open_journal_file(const std::filesystem::path& file);
 
 struct JournalCounters {
-  std::uint64_t restored = 0;       ///< facts read back
-  std::uint64_t refused = 0;        ///< whole records that the store did not take (limits, roster)
-  std::uint64_t damaged_bytes = 0;  ///< of records that are not whole, in the middle
+  std::uint64_t restored = 0;  ///< facts read back
+  std::uint64_t refused = 0;   ///< whole records that the store did not take (limits, roster)
+  std::uint64_t damaged_bytes =
+      0;  ///< of records that are not whole, in the middle; only those that no restart before has told of
   std::uint64_t cut_bytes = 0;      ///< of a torn tail
   std::uint64_t written = 0;        ///< facts
   std::uint64_t failed_writes = 0;  ///< the medium would not take it; it is tried again

@@ -37,7 +37,8 @@ bool has_to_itself(std::uint32_t domain) {
   if (locks.contains(domain)) return true;
   const std::string file =
       (std::filesystem::temp_directory_path() / ("convoy_test_domain_" + std::to_string(domain) + ".lock")).string();
-  const int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  int lock = open(file.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0666);
+  if (lock < 0) lock = open(file.c_str(), O_RDONLY | O_CLOEXEC);  // another user's
   if (lock >= 0 && flock(lock, LOCK_EX | LOCK_NB) != 0) {
     close(lock);
     return false;
@@ -70,8 +71,8 @@ DdsConfig config_of_this_test() {
 }
 
 ChangedProfile::ChangedProfile(const std::string& from, const std::string& to)
-    : path(::testing::TempDir() + "convoy_profile_" + ::testing::UnitTest::GetInstance()->current_test_info()->name() +
-           ".xml") {
+    : path(::testing::TempDir() + "convoy_profile_" + std::to_string(getpid()) + "_" +
+           ::testing::UnitTest::GetInstance()->current_test_info()->name() + ".xml") {
   std::ostringstream all;
   all << std::ifstream(loopback_profile()).rdbuf();
   std::string text = all.str();

@@ -33,6 +33,32 @@ TEST(Receiver, ForgetsNothingThatCameBeforeItsStart) {
   EXPECT_TRUE(eventually([&] { return calls == 1; }));
 }
 
+// A call that leaves some of what came says so in this way.
+TEST(Receiver, DrainsAgainWhenACallAsksForIt) {
+  Receiver receiver;
+  std::atomic<int> calls = 0;
+  receiver.start([&] {
+    if (++calls < 5) receiver.wake();
+  });
+  receiver.wake();
+  EXPECT_TRUE(eventually([&] { return calls == 5; }));
+  EXPECT_FALSE(eventually([&] { return calls > 5; }, 0.05));
+}
+
+TEST(Receiver, StopsThoughEachCallAsksForAnother) {
+  Receiver receiver;
+  std::atomic<int> calls = 0;
+  receiver.start([&] {
+    ++calls;
+    receiver.wake();
+  });
+  receiver.wake();
+  ASSERT_TRUE(eventually([&] { return calls > 2; }));
+  receiver.stop();
+  const int last = calls;
+  EXPECT_FALSE(eventually([&] { return calls > last; }, 0.05));
+}
+
 TEST(Receiver, StopsWhenACallIsOver) {
   std::atomic<bool> inside = false, over = false;
   Receiver receiver;

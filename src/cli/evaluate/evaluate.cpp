@@ -378,14 +378,16 @@ json map_digests_equal(const RunRecord<G>& run) {
   return digests.empty() ? json() : json(digests.size() == 1);
 }
 
+/// Not there when the run ended: declared missing by then, or not yet.
 template <class G>
 json facts_lost(const RunRecord<G>& run) {
   json sum;
   for (const VehicleRecord<G>& vehicle : run.vehicles) {
     if (vehicle.lost) continue;
-    const json missing = from_summary(vehicle, "facts_missing");
+    const json missing = from_summary(vehicle, "facts_missing"), declared = from_summary(vehicle, "facts_lost");
     if (!missing.is_number()) return nullptr;
-    sum = (sum.is_null() ? 0 : sum.get<std::int64_t>()) + missing.get<std::int64_t>();
+    sum = (sum.is_null() ? 0 : sum.get<std::int64_t>()) + missing.get<std::int64_t>() +
+          (declared.is_number() ? declared.get<std::int64_t>() : 0);
   }
   return sum;
 }

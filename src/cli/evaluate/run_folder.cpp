@@ -177,6 +177,9 @@ void check_summary(const fs::path& file, const json& summary, VehicleId id) {
   for (const char* key : {"landmarks_exported", "landmarks_known", "facts_missing", "bytes_sent", "requests_sent"})
     if (!summary.contains(key) || !summary.at(key).is_number() || summary.at(key).get<double>() < 0.0)
       refuse(std::string("'") + key + "' is not there or no number from 0");
+  // Older runs have none.
+  if (summary.contains("facts_lost") && !(summary.at("facts_lost").is_number() && summary.at("facts_lost") >= 0))
+    refuse("'facts_lost' is no number from 0");
   if (summary.contains("vehicle") && summary.at("vehicle") != json(id)) refuse("it is that of another vehicle");
 }
 

@@ -447,6 +447,8 @@ TEST(Evaluate, LostVehiclesDoNotAnswerForTheFleet) {
   m = evaluate(run).metrics;
   EXPECT_EQ(m.at("map_digests_equal"), false);
   EXPECT_EQ(m.at("facts_lost"), 3);
+  run.vehicles[1].summary["facts_lost"] = 4;  // declared missing: facts_missing counts them no more
+  EXPECT_EQ(evaluate(run).metrics.at("facts_lost"), 7);
 }
 
 TEST(Tum, HasTimePositionAndQuaternion) {
@@ -592,6 +594,9 @@ TEST_F(RunFolder, ABrokenSummaryIsRefused) {
     EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: '" + std::string(key) + "'")) << key;
   }
   json summary = good;
+  summary["facts_lost"] = -1;
+  EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: 'facts_lost' is no number from 0"));
+  summary = good;
   summary["vehicle"] = 1;
   EXPECT_THAT(refusal(summary.dump()), HasSubstr("summary.json: it is that of another vehicle"));
 }

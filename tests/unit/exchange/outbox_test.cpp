@@ -229,6 +229,26 @@ TEST(Outbox, WhatIsRefusedInOneGoIsSaidAgainWholeAndInItsPlace) {
   }
 }
 
+// The network may be slow, and somebody may ask meanwhile for what it has.
+TEST(Outbox, WhatTheNetworkHasIsNoRepeatIfItComesBack) {
+  for (const Payload<SE2>& fact :
+       {Payload<SE2>(test::anchor(1, 0)), Payload<SE2>(LandmarkBatch<SE2>{{landmark(0, 0.1)}})}) {
+    Out outbox({});
+    EXPECT_TRUE(outbox.put(of(fact)));
+    auto away = outbox.next(0.0, 0);
+    ASSERT_EQ(away.size(), 1U);
+    EXPECT_TRUE(outbox.put(of(fact)));
+    EXPECT_EQ(outbox.counters().repeats, 1U);
+    outbox.put_back(std::move(away));
+    const auto again = outbox.next(1.0, 0);
+    ASSERT_EQ(again.size(), 1U);
+    EXPECT_FALSE(again.front().repeated);
+    EXPECT_TRUE(outbox.next(2.0, 0).empty()) << "once is enough";
+    EXPECT_TRUE(outbox.put(of(fact)));  // a peer asks for it later
+    EXPECT_EQ(outbox.next(3.0, 0).size(), 1U);
+  }
+}
+
 TEST(Outbox, TheMostInformativeLandmarksGoFirst) {
   Paced paced(100.0);  // one message per second
   paced.network->background(100);

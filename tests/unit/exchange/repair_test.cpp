@@ -362,7 +362,8 @@ TEST(Repair, WhatNobodyServesIsDeclaredMissingOnceItsAuthorIsGone) {
   }
   const double gone_s = now_s;
   while (lost_at(now_s) == 0 && now_s < gone_s + 200.0) now_s += 1.0;
-  EXPECT_LT(now_s, gone_s + 20.0);
+  EXPECT_GE(now_s, gone_s + params.lost_after_s);
+  EXPECT_LT(now_s, gone_s + params.lost_after_s + 20.0);
   EXPECT_EQ(repair.lost_count(), 3U);
   EXPECT_EQ(repair.lost_count(chain_of(3)), 0U);
   std::size_t requests = 0;
@@ -370,7 +371,21 @@ TEST(Repair, WhatNobodyServesIsDeclaredMissingOnceItsAuthorIsGone) {
   EXPECT_GE(requests, 7U) << "in case somebody comes back";
   EXPECT_LE(requests, 14U);
   store.insert(test::anchor(1, 0));  // one did
-  EXPECT_EQ(lost_at(now_s), 0U);
+  EXPECT_EQ(lost_at(now_s), 0U) << "more may follow";
+  for (const double end_s = now_s + 2.5 * params.backoff_max_s; now_s < end_s; now_s += 1.0) (void)lost_at(now_s);
+  EXPECT_EQ(lost_at(now_s), 2U) << "none did";
+}
+
+TEST(Repair, AnAuthorThatIsQuietForAWhileIsNotGone) {
+  RepairProtocol<SE2> repair(chain_of(2), {}, 1);
+  test::Store store;
+  Digest digest;
+  digest.marks = {{chain_of(1), FactKind::anchor, 3, 3, 0}};
+  for (double now_s = 0.0; now_s < 400.0; now_s += 1.0) {
+    if (std::fmod(now_s, 40.0) < 10.0) repair.on_digest(store, chain_of(1), digest, now_s);
+    (void)repair.due(store, now_s);
+    ASSERT_EQ(repair.lost_count(), 0U) << now_s;
+  }
 }
 
 TEST(Repair, ALongListIsAskedForInSeveralRequests) {

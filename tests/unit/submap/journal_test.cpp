@@ -174,6 +174,30 @@ TEST(Journal, AfterDamageItGoesOn) {
   EXPECT_EQ(restored(disk).holdings(), holdings_of(facts));
 }
 
+TEST(Journal, DamageIsToldOfOnce) {
+  const auto facts = test::chain_facts(2, 3);
+  Disk disk = written(facts);
+  const std::size_t begin = written({}).bytes.size();
+  const auto told_of = [&disk] {
+    JournalCounters counters;
+    (void)restored(disk, &counters);
+    EXPECT_EQ(counters.cut_bytes + counters.refused, 0U);
+    return counters.damaged_bytes;
+  };
+  disk.bytes[begin] ^= 4;
+  const std::size_t capacity = std::exchange(disk.capacity, disk.bytes.size());
+  const std::uint64_t first = told_of();
+  EXPECT_GT(first, 0U);
+  EXPECT_EQ(told_of(), first) << "a full disk cannot note it";
+  disk.capacity = capacity;
+  EXPECT_EQ(told_of(), first);
+  EXPECT_EQ(told_of(), 0U);
+  disk.bytes[begin + static_cast<std::size_t>(first)] ^= 4;  // the next fact
+  EXPECT_GT(told_of(), 0U);
+  EXPECT_EQ(told_of(), 0U);
+  EXPECT_EQ(restored(disk).size(), facts.size() - 2);
+}
+
 TEST(Journal, WhatAFullDiskDoesNotTakeIsWrittenWhenThereIsRoom) {
   const auto facts = test::chain_facts(2, 10);
   for (const bool cuts : {true, false}) {
