@@ -24,7 +24,8 @@ template <class G>
 Remembered<G> known_to(const GlobalMap<G>& map, const LivePose<G>& live) {
   Remembered<G> known;
   const double scale = map.map->landmark_scale(live.chain);
-  const double variance = scale == 1.0 ? 0.0 : std::pow(map.map->constants(live.chain)->sigma[0], 2);
+  const double sigma = map.map->scales_landmarks(live.chain) ? map.map->constants(live.chain)->sigma[0] : 0.0;
+  const double variance = sigma * sigma;
   for (const RememberedLandmark<G>& l : live.remembered) {
     const std::optional<int> at = map.class_of.find({live.chain, l.index});
     if (!at || std::find(known.at.begin(), known.at.end(), *at) != known.at.end()) continue;

@@ -215,7 +215,13 @@ std::optional<PointEstimate<G>> Map<G>::landmark(const FactStore<G>& store, cons
 template <class G>
 double Map<G>::landmark_scale(const ChainId& chain) const {
   const ChainSpan* s = span(chain);
-  return s == nullptr || !s->persistent.scales_landmarks ? 1.0 : 1.0 + at_.constants_of(s->constants)[0];
+  return scales_landmarks(chain) ? 1.0 + at_.constants_of(s->constants)[0] : 1.0;
+}
+
+template <class G>
+bool Map<G>::scales_landmarks(const ChainId& chain) const {
+  const ChainSpan* s = span(chain);
+  return s != nullptr && s->persistent.scales_landmarks;
 }
 
 template <class G>

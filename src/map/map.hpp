@@ -80,6 +80,8 @@ class Map {
 
   /// A landmark in the frame of its chain's map. Empty if its anchor's chain is unknown.
   std::optional<PointEstimate<G>> landmark(const FactStore<G>& store, const LandmarkFact<G>& landmark);
+  /// PersistentDrift::scales_landmarks of a chain.
+  bool scales_landmarks(const ChainId& chain) const;
   /// True metres per metre of this chain's landmark positions, as estimated; 1 unless it scales them.
   double landmark_scale(const ChainId& chain) const;
 
