@@ -217,8 +217,16 @@ TEST(Topics, OfTwoSimulatorsOnOneDomainTheLaterGivesUp) {
 
 TEST(Topics, OfTwoSimulatorsThatStartAtOnceOneGivesUp) {
   Fleet one("--rate 1 --duration 1000" + block, {""}), other("--rate 1 --duration 1000" + block, {});
-  const auto gave_up = [](const Fleet& fleet) { return fleet.sim->output().find(other_speaks) != std::string::npos; };
   const auto deadline = steady_clock::now() + std::chrono::seconds(20);
+  // While they look whether there is another one, both are held, until the second for it is over: neither has found one.
+  for (const Fleet* fleet : {&one, &other})
+    while (fleet->sim->udp_addresses().size() < 6 && steady_clock::now() < deadline)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  std::this_thread::sleep_for(std::chrono::milliseconds(300));
+  one.sim->send(SIGSTOP), other.sim->send(SIGSTOP);
+  std::this_thread::sleep_for(std::chrono::milliseconds(1200));
+  one.sim->send(SIGCONT), other.sim->send(SIGCONT);
+  const auto gave_up = [](const Fleet& fleet) { return fleet.sim->output().find(other_speaks) != std::string::npos; };
   while (!gave_up(one) && !gave_up(other) && steady_clock::now() < deadline)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   EXPECT_TRUE(waits_for_steps(one, 20)) << one.sim->output() << other.sim->output();  // of whichever is left
