@@ -85,9 +85,16 @@ Status Life::status() {
   Status s;
   for (std::uint64_t* figure : {&s.epoch, &s.holdings, &s.digest, &s.known, &s.missing, &s.lost, &s.refused,
                                 &s.conflicts, &s.unfit, &s.disagreements, &s.requests, &s.relayed, &s.reopened,
-                                &s.dropped, &s.restored, &s.cut_bytes, &s.failed_writes, &s.waiting})
+                                &s.dropped, &s.restored, &s.cut_bytes, &s.failed_writes, &s.waiting, &s.quarantines})
     if (!(words >> *figure)) throw std::runtime_error(name_ + ": a figure is missing in its status");
   return s;
+}
+
+double Life::ahead_of(VehicleId vehicle) {
+  std::istringstream words(ask("ahead " + std::to_string(vehicle), "ahead"));
+  double seconds = 0.0;
+  words >> seconds;
+  return seconds;
 }
 
 Facts Life::facts() {

@@ -23,6 +23,7 @@ struct Status {
   std::uint64_t conflicts = 0, unfit = 0, disagreements = 0;
   std::uint64_t requests = 0, relayed = 0, reopened = 0, dropped = 0;
   std::uint64_t restored = 0, cut_bytes = 0, failed_writes = 0, waiting = 0;  ///< of its journal
+  std::uint64_t quarantines = 0;                                              ///< of peers that flood
 };
 
 /// What one vehicle needs to run. Its files are below `folder`; several runs may follow each other.
@@ -61,6 +62,8 @@ class Life {
   std::uint64_t segment();
   Status status();
   Facts facts();
+  /// How far its clock is ahead of that of a vehicle; 0 while it does not know.
+  double ahead_of(VehicleId vehicle);
   void change(const std::string& command) { (void)ask(command, "done"); }
 
  private:

@@ -1,9 +1,11 @@
 // A whole vehicle in a process of its own: convoy_chaos_vehicle PROFILES DOMAIN VEHICLE STATE_FOLDER STATED [OPTION...]
 // It appends a line "KIND VEHICLE EPOCH INDEX HASH ." to the file STATED for each fact of its own, once that is stated
-// (and in the journal). Options: no_journal, loss=PROBABILITY, and as often as needed block=VEHICLE. Prints "ready
-// EPOCH" or "error WHAT". Driven by lines on standard input:
+// (and in the journal). Options: no_journal, loss=PROBABILITY, clock=SECONDS (that its clock is ahead), flood=MESSAGES
+// (that are one at once), and as often as needed block=VEHICLE. Prints "ready EPOCH" or "error WHAT". Driven by lines
+// on standard input:
 //   segment       drives on and states a segment, prints "stated COUNT"
 //   status        prints "status" and the figures of Status (chaos_testing.hpp)
+//   ahead V       prints "ahead SECONDS" of the clock of vehicle V, as far as is known
 //   dump FILE     writes all facts held to FILE, as to STATED, prints "dumped COUNT"
 //   block V, unblock V, loss PROBABILITY  changes the network, prints "done"
 //   quit          ends
@@ -106,7 +108,15 @@ void print_status(Vehicle<SE2>& vehicle) {
             << look.insertions[static_cast<std::size_t>(Insertion::conflict)] << ' ' << unfit << ' '
             << look.submaps.disagreements << ' ' << look.repair.requests_sent << ' ' << look.repair.facts_relayed << ' '
             << look.network.reopened << ' ' << look.exchange.dropped << ' ' << look.journal.restored << ' '
-            << look.journal.cut_bytes << ' ' << look.journal.failed_writes << ' ' << look.journal.waiting << std::endl;
+            << look.journal.cut_bytes << ' ' << look.journal.failed_writes << ' ' << look.journal.waiting << ' '
+            << look.peers.quarantines << std::endl;
+}
+
+void print_ahead(const VehicleSnapshot<SE2>& look, VehicleId of) {
+  std::cout << "ahead";
+  for (const auto& state : look.vehicles)
+    if (state.chain.vehicle == of && state.clock_offset_s) std::cout << ' ' << *state.clock_offset_s;
+  std::cout << std::endl;
 }
 
 void dump(Vehicle<SE2>& vehicle, const std::string& file) {
@@ -131,18 +141,24 @@ void run(int argc, char** argv) {
   params.state_folder = argv[4];
   params.journal = true;
   params.drift.rate = {4e-4, 4e-4, 4e-6};
+  double ahead_s = 0.0;
   const auto weather = dds::impair(network, Impairments::parse("seed=" + std::string(argv[3])));
   for (int i = 6; i < argc; ++i) {
     const std::string option = argv[i];
     if (option == "no_journal") params.journal = false;
     else if (option.starts_with("loss=")) weather->set_loss_received(std::stod(option.substr(5)));
-    else if (option.starts_with("block=")) weather->block(static_cast<VehicleId>(std::stoul(option.substr(6))));
+    else if (option.starts_with("clock=")) ahead_s = std::stod(option.substr(6));
+    else if (option.starts_with("flood=")) {
+      params.submaps.peers.burst = std::stod(option.substr(6));
+      params.submaps.peers.messages_per_s = 0.2 * params.submaps.peers.burst;
+    } else if (option.starts_with("block=")) weather->block(static_cast<VehicleId>(std::stoul(option.substr(6))));
     else throw ConfigError("no option " + option);
   }
 
   FrozenLandmarks<SE2> slam;
   Vehicle<SE2> vehicle(
-      params, slam, [&] { return std::make_unique<dds::DdsExchange<SE2>>(network); }, steady_s);
+      params, slam, [&] { return std::make_unique<dds::DdsExchange<SE2>>(network); },
+      [&] { return steady_s() + ahead_s; });
   vehicle.configure();
   const Epoch epoch = vehicle.snapshot().self.epoch;
   Road road(epoch);
@@ -160,6 +176,8 @@ void run(int argc, char** argv) {
       std::cout << "stated " << stated.note(vehicle) << std::endl;
     } else if (verb == "status") {
       print_status(vehicle);
+    } else if (verb == "ahead") {
+      print_ahead(vehicle.snapshot(), static_cast<VehicleId>(std::stoul(what)));
     } else if (verb == "dump") {
       dump(vehicle, what);
     } else {

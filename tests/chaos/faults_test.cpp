@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <cmath>
 #include <cstring>
 #include <fstream>
 #include <stdexcept>
@@ -153,6 +154,48 @@ TEST(TornJournal, TheRestWasReadAndThePeersBringWhatIsMissing) {
   EXPECT_TRUE(hold_the_same(vehicle, other));
   EXPECT_EQ(vehicle.status().known, known + 2) << "its second chain begins with an anchor and a prior";
   EXPECT_EQ(vehicle.status().conflicts + other.status().conflicts, 0U);
+}
+
+TEST(Clocks, ThatDifferAreToldOfAndTheFactsAreTheSame) {
+  constexpr double ahead_s = 1000.0, delay_s = 1.0;
+  const TestFolder folder;
+  Life a(garage_in(folder.path(), 1)), b(garage_in(folder.path(), 2), {"clock=" + std::to_string(ahead_s)});
+  for (int i = 0; i < 5; ++i) {
+    (void)a.segment();
+    (void)b.segment();
+  }
+  EXPECT_TRUE(hold_the_same(a, b));
+  const auto tells = [](Life& of, VehicleId vehicle, double seconds) {
+    return eventually([&] { return std::abs(of.ahead_of(vehicle) - seconds) < delay_s; }, patience_s);
+  };
+  EXPECT_TRUE(tells(a, 2, -ahead_s)) << a.ahead_of(2);
+  EXPECT_TRUE(tells(b, 1, ahead_s)) << b.ahead_of(1);
+  EXPECT_EQ(a.status().digest, b.status().digest);
+}
+
+TEST(Flood, ItsSenderIsQuarantinedAndTheOthersDoNotNotice) {
+  const TestFolder folder;
+  const Garage garage = garage_in(folder.path(), 1);
+  Life a(garage, {"flood=500"}), b(garage_in(folder.path(), 2), {"flood=500"});
+  dds::testing::Child flooder({CONVOY_DDS_PEER, garage.profile, std::to_string(garage.domain), "3", "127.0.0.1"});
+  ASSERT_EQ(flooder.hear(), "ready");
+  flooder.tell("peers 2");
+  ASSERT_EQ(flooder.hear(), "peers 2");
+  flooder.tell("send 0 40000");
+  std::uint64_t of_a = 0, of_b = 0;
+  for (int i = 0; i < 10; ++i) {
+    of_a = a.segment();
+    of_b = b.segment();
+  }
+  const auto hold_each_others = [&] {
+    return facts_of(a.facts(), {2, b.epoch()}) == static_cast<std::ptrdiff_t>(of_b) &&
+           facts_of(b.facts(), {1, a.epoch()}) == static_cast<std::ptrdiff_t>(of_a);
+  };
+  EXPECT_TRUE(eventually(hold_each_others, patience_s));
+  for (Life* vehicle : {&a, &b}) {
+    EXPECT_TRUE(eventually([&] { return vehicle->status().quarantines > 0; }, patience_s));
+    EXPECT_LT(facts_of(vehicle->facts(), {3, 1}), 40000) << "nothing was passed over";
+  }
 }
 
 }  // namespace
