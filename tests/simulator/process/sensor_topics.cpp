@@ -38,7 +38,8 @@ class Guarded final : public PubSubType {
   }
 };
 
-/// What the vehicles have answered. Answers of others, of other runs, and to steps that were not sent, change nothing.
+/// What the vehicles have answered. Answers of others, of other runs, and to steps that were not sent, change
+/// nothing.
 class Answers final : public edds::DataReaderListener {
  public:
   Answers(const std::vector<SourceVehicle>& vehicles, std::uint64_t run) : run_(run) {
@@ -111,12 +112,11 @@ class Answers final : public edds::DataReaderListener {
   std::uint64_t undecodable_ = 0;
 };
 
-/// Other participants that write steps.
-class Others final : public edds::DataReaderListener {
+/// Those that write steps: this one, too, once it does.
+class StepWriters final : public edds::DataReaderListener {
  public:
-  void on_subscription_matched(edds::DataReader* reader, const edds::SubscriptionMatchedStatus& status) override {
+  void on_subscription_matched(edds::DataReader*, const edds::SubscriptionMatchedStatus& status) override {
     const auto writer = eprosima::fastrtps::rtps::iHandle2GUID(status.last_publication_handle);
-    if (writer.guidPrefix == reader->guid().guidPrefix) return;
     const std::lock_guard lock(mutex_);
     if (status.current_count_change > 0) writers_.insert(writer);
     else writers_.erase(writer);
@@ -131,7 +131,7 @@ class Others final : public edds::DataReaderListener {
     }
   }
 
-  /// Whether there is one, within the time, before which `own` gives way; none: before any.
+  /// Whether there is one, within the time, that `own` gives way to; without an own one, to any.
   bool there(std::chrono::milliseconds time, const std::optional<eprosima::fastrtps::rtps::GUID_t>& own) {
     std::unique_lock lock(mutex_);
     return changed_.wait_for(lock, time, [&] { return !writers_.empty() && (!own || *writers_.begin() < *own); });
@@ -175,7 +175,7 @@ struct SensorTopics::Impl {
         answers(vehicles, run),
         sensors(options.sensor_domain, "convoy simulator: sensors"),
         truths(options.truth_domain, "convoy simulator: truth") {
-    sensors.reader(edds::TypeSupport(new Guarded<wire::StepPubSubType>), "convoy/sensors/v1/Step", &others);
+    sensors.reader(edds::TypeSupport(new Guarded<wire::StepPubSubType>), "convoy/sensors/v1/Step", &step_writers);
     claim_domain();
     calibration = writer<wire::CameraCalibrationPubSubType>(sensors, "CameraCalibration", 1);
     frames = writer<wire::CameraFramePubSubType>(sensors, "CameraFrame", 4);
@@ -193,9 +193,9 @@ struct SensorTopics::Impl {
       return SetUpError("another simulator speaks on domain " + std::to_string(options.sensor_domain) +
                         "; end it, or take another domain by --domain-sensors");
     };
-    if (others.there(std::chrono::milliseconds(1000), {})) throw taken();
+    if (step_writers.there(std::chrono::milliseconds(1000), {})) throw taken();
     steps = writer<wire::StepPubSubType>(sensors, "Step", 400);
-    if (others.there(std::chrono::milliseconds(500), steps->guid())) throw taken();
+    if (step_writers.there(std::chrono::milliseconds(500), steps->guid())) throw taken();
   }
 
   template <class PubSubType>
@@ -287,8 +287,8 @@ struct SensorTopics::Impl {
   const TopicOptions options;
   const std::uint64_t run;
   std::uint64_t unsent = 0;
-  wire::Step sent;  // of the step and vehicle that are being sent: what of it has been
-  Others others;    // before the domains, so that they outlive them
+  wire::Step sent;           // of the step and vehicle that are being sent: what of it has been
+  StepWriters step_writers;  // before the domains, so that they outlive them
   Answers answers;
   LocalDomain sensors, truths;
   edds::DataWriter *steps = nullptr, *calibration = nullptr, *frames = nullptr, *odometry = nullptr, *gps = nullptr,
