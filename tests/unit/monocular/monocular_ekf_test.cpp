@@ -127,6 +127,20 @@ TEST(MonocularEkf, ConsidersAScaleThatItIsToldTheUncertaintyOf) {
   EXPECT_LT(r.exported.per_dof(), 1.5);
 }
 
+// What the same patch errs by in one image it errs by in the next, nearly: more looks do not even that out.
+TEST(MonocularEkf, PixelsThatErrAlikeForLongMustBeToldAsMoreNoise) {
+  test::MonocularWorldParams world;
+  world.noise_px = 0.5;
+  world.noise_frames = 40.0;
+  MonocularParams params = calibrated();
+  params.sigma_pixel = 2.6 * world.noise_px;
+  const test::MonteCarlo r = street("pixels that err alike over 40 frames", world, params, 2);
+  expect_consistent(r);
+  EXPECT_GT(r.exports_per_100m(), 150.0);
+  params.sigma_pixel = world.noise_px;
+  EXPECT_GT(street("and told as if each erred anew", world, params, 2).exported.per_dof(), 3.0);
+}
+
 // ---- one run each ----
 
 TEST(MonocularEkf, StandingAddsNothingAndStartsNoLandmark) {

@@ -1,5 +1,6 @@
 // A street for the monocular front end: points on both sides of a course with turns, a camera that sees them with
-// exactly the noise that the filter is told, and an image side that follows them by the filter's predictions.
+// exactly the noise that the filter is told, unless said otherwise, and an image side that follows them by the filter's
+// predictions.
 #pragma once
 
 #include <convoy/frontend/odometry_noise.hpp>
@@ -16,11 +17,13 @@ namespace convoy::test {
 
 struct MonocularWorldParams {
   double length_m = 300.0;
-  double outliers = 0.0;     ///< share of the pixels that lie anywhere within 30 px
-  double dropout = 0.1;      ///< share of the pixels that are not found
-  double scale_error = 0.0;  ///< true distance is (1 + this) times what the odometer says
-  bool draw_scale = false;   ///< from what the filter is told, instead
-  std::size_t tracks = 40;   ///< followed at once
+  double outliers = 0.0;      ///< share of the pixels that lie anywhere within 30 px
+  double dropout = 0.1;       ///< share of the pixels that are not found
+  double noise_px = 0.0;      ///< standard deviation of a pixel; 0: what the filter is told
+  double noise_frames = 0.0;  ///< over which the errors of one track's pixels hang together; 0: each errs anew
+  double scale_error = 0.0;   ///< true distance is (1 + this) times what the odometer says
+  bool draw_scale = false;    ///< from what the filter is told, instead
+  std::size_t tracks = 40;    ///< followed at once
   double points_per_m = 5.0;
   /// Speed that the odometer says, of the true one, at this time.
   std::function<double(double)> slip = [](double) { return 1.0; };
@@ -97,7 +100,7 @@ class MonocularWorld {
       const auto pixel = pixel_of(followed_.at(p.track));
       if (!pixel) continue;
       active.insert(followed_.at(p.track));
-      if (random_.uniform(0.0, 1.0) >= world_.dropout) found.push_back({p.track, measured(*pixel)});
+      if (random_.uniform(0.0, 1.0) >= world_.dropout) found.push_back({p.track, measured(p.track, *pixel)});
     }
     start_tracks(active, found);
     const auto report = ekf_.update(now_s(), found);
@@ -163,12 +166,21 @@ class MonocularWorld {
     return at->pixel;
   }
 
-  Eigen::Vector2d measured(const Eigen::Vector2d& pixel) {
-    Eigen::Vector2d z = pixel + params_.sigma_pixel * random_.unit_normal<2>();
+  Eigen::Vector2d measured(std::uint64_t track, const Eigen::Vector2d& pixel) {
+    Eigen::Vector2d z = pixel + (world_.noise_px > 0.0 ? world_.noise_px : params_.sigma_pixel) * noise_of(track);
     if (world_.nonsense(now_s())) return {random_.uniform(0.0, 639.0), random_.uniform(0.0, 479.0)};
     if (random_.uniform(0.0, 1.0) < world_.outliers)
       z = pixel + Eigen::Vector2d(random_.uniform(-30.0, 30.0), random_.uniform(-30.0, 30.0));
     return camera_.in_image(z) ? z : pixel;
+  }
+
+  // An AR(1) process along the frames a track is found in, of variance 1.
+  Eigen::Vector2d noise_of(std::uint64_t track) {
+    const Eigen::Vector2d fresh = random_.unit_normal<2>();
+    const auto [at, is_new] = noise_.try_emplace(track, fresh);
+    const double phi = world_.noise_frames > 0.0 ? std::exp(-1.0 / world_.noise_frames) : 0.0;
+    if (!is_new) at->second = phi * at->second + std::sqrt(1.0 - phi * phi) * fresh;
+    return at->second;
   }
 
   void start_tracks(const std::set<std::size_t>& active, std::vector<FeatureObservation>& found) {
@@ -180,7 +192,7 @@ class MonocularWorld {
     for (std::size_t n = active.size(); n < world_.tracks && !fresh.empty(); ++n) {
       const auto k = static_cast<std::size_t>(random_.integer(0, static_cast<int>(fresh.size()) - 1));
       followed_[++last_track_] = fresh[k].first;
-      found.push_back({last_track_, measured(fresh[k].second)});
+      found.push_back({last_track_, measured(last_track_, fresh[k].second)});
       fresh.erase(fresh.begin() + static_cast<std::ptrdiff_t>(k));
     }
   }
@@ -196,6 +208,7 @@ class MonocularWorld {
   std::vector<Eigen::Vector3d> points_;
   std::vector<double> places_;  // along the course
   std::map<std::uint64_t, std::size_t> followed_;
+  std::map<std::uint64_t, Eigen::Vector2d> noise_;  // of each track's last pixel
   std::map<double, SE3> passed_;
   std::uint64_t last_track_ = 0;
   std::size_t tick_ = 0;
