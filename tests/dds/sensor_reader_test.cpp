@@ -1,26 +1,18 @@
 // Sensors that say something over sockets, and the reader that a vehicle hears them by.
-#include <convoy/idl/sensorsPubSubTypes.h>
 #include <convoy/config_error.hpp>
 #include <convoy/dds/sensor_reader.hpp>
 
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
-#include <fastdds/dds/publisher/Publisher.hpp>
 #include <fastdds/dds/subscriber/DataReader.hpp>
 #include <fastdds/dds/subscriber/SampleInfo.hpp>
 #include <fastdds/dds/subscriber/Subscriber.hpp>
-#include <fastdds/dds/topic/Topic.hpp>
 
 #include <algorithm>
 #include <array>
-#include <cstring>
 #include <limits>
 
-#include "dds_testing.hpp"
+#include "sensor_topics_testing.hpp"
 
 namespace convoy::dds::testing {
 namespace {
@@ -35,48 +27,24 @@ constexpr VehicleId vehicle = 7;
 constexpr std::uint64_t run = 5;
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-/// A picture whose payload says that it holds what no machine does.
-class Liar final : public wire::CameraFramePubSubType {
- public:
-  bool serialize(void* data, eprosima::fastrtps::rtps::SerializedPayload_t* payload) override {
-    if (!wire::CameraFramePubSubType::serialize(data, payload)) return false;
-    const std::uint32_t length = 0xfffffff0U;
-    std::memcpy(payload->data + 4 + 44, &length, 4);
-    return true;
-  }
-};
-
 /// Drivers of two vehicles' sensors, or a simulator.
 class Sensors {
  public:
   explicit Sensors(bool lying = false) {
-    edds::DomainParticipantQos qos;
-    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-    udp->interfaceWhiteList = {"127.0.0.1"};
-    qos.transport().use_builtin_transports = false;
-    qos.transport().user_transports = {udp};
-    qos.wire_protocol().builtin.discovery_config.leaseDuration_announcementperiod = {0, 100'000'000};
-    participant_ = factory_->create_participant(domain_of_this_test(), qos);
-    publisher_ = participant_->create_publisher(edds::PublisherQos());
-    frames = writer(lying ? new Liar : new wire::CameraFramePubSubType, "CameraFrame");
-    odometry = writer(new wire::OdometryPubSubType, "Odometry");
-    gps = writer(new wire::GpsPubSubType, "Gps");
-    cameras = writer(new wire::CameraCalibrationPubSubType, "CameraCalibration");
-    steps = writer(new wire::StepPubSubType, "Step");
+    if (lying) frames = participant_.writer(new Liar<wire::CameraFramePubSubType>, "CameraFrame");
+    else frames = participant_.writer(new wire::CameraFramePubSubType, "CameraFrame");
+    odometry = participant_.writer(new wire::OdometryPubSubType, "Odometry");
+    gps = participant_.writer(new wire::GpsPubSubType, "Gps");
+    cameras = participant_.writer(new wire::CameraCalibrationPubSubType, "CameraCalibration");
+    steps = participant_.writer(new wire::StepPubSubType, "Step");
     auto* subscriber = participant_->create_subscriber(edds::SubscriberQos());
     edds::DataReaderQos reader_qos;
     reader_qos.reliability().kind = edds::RELIABLE_RELIABILITY_QOS;
     reader_qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
     reader_qos.history().kind = edds::KEEP_ALL_HISTORY_QOS;
     reader_qos.data_sharing().off();
-    done_ = subscriber->create_datareader(topic(new wire::StepDonePubSubType, "StepDone"), reader_qos);
+    done_ = subscriber->create_datareader(participant_.topic(new wire::StepDonePubSubType, "StepDone"), reader_qos);
   }
-  ~Sensors() {
-    participant_->delete_contained_entities();
-    factory_->delete_participant(participant_);
-  }
-  Sensors(const Sensors&) = delete;
-  Sensors& operator=(const Sensors&) = delete;
 
   edds::DataWriter *frames, *odometry, *gps, *cameras, *steps;
 
@@ -90,37 +58,13 @@ class Sensors {
   }
 
  private:
-  edds::Topic* topic(edds::TopicDataType* made, const std::string& name) {
-    const edds::TypeSupport type(made);
-    type->auto_fill_type_object(false);
-    type->auto_fill_type_information(false);
-    type.register_type(participant_);
-    return participant_->create_topic("convoy/sensors/v1/" + name, type.get_type_name(), edds::TopicQos());
-  }
-  edds::DataWriter* writer(edds::TopicDataType* type, const std::string& name) {
-    edds::DataWriterQos qos;
-    qos.durability().kind = edds::TRANSIENT_LOCAL_DURABILITY_QOS;
-    qos.history().kind = edds::KEEP_LAST_HISTORY_QOS;
-    qos.history().depth = 64;
-    qos.data_sharing().off();
-    qos.endpoint().history_memory_policy = eprosima::fastrtps::rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
-    return publisher_->create_datawriter(topic(type, name), qos);
-  }
-
-  edds::DomainParticipantFactory* factory_ = edds::DomainParticipantFactory::get_instance();
-  edds::DomainParticipant* participant_;
-  edds::Publisher* publisher_;
+  SensorParticipant participant_;
   edds::DataReader* done_;
 };
 
 template <class Sample>
 Sample sample_of(double stamp_s, std::uint32_t step = 0) {
-  Sample sample;
-  sample.vehicle(vehicle);
-  sample.header().run(run);
-  sample.header().step(step);
-  sample.header().stamp_s(stamp_s);
-  return sample;
+  return dds::testing::sample_of<Sample>(vehicle, run, stamp_s, step);
 }
 wire::CameraFrame picture(double stamp_s, std::uint32_t number, std::uint32_t step = 0) {
   auto sample = sample_of<wire::CameraFrame>(stamp_s, step);

@@ -1,24 +1,14 @@
 // Simulators that tell the truth over sockets, and the one who judges by it.
-#include <convoy/idl/sensorsPubSubTypes.h>
-#include <convoy/idl/sensors_qos.hpp>
-
-#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <gtest/gtest.h>
-#include <fastdds/dds/domain/DomainParticipant.hpp>
-#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
-#include <fastdds/dds/publisher/DataWriter.hpp>
-#include <fastdds/dds/publisher/Publisher.hpp>
-#include <fastdds/dds/topic/Topic.hpp>
 
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 
 #include <unistd.h>
 
-#include "dds_testing.hpp"
 #include "evaluate/run_folder.hpp"
+#include "sensor_topics_testing.hpp"
 #include "truth_listener.hpp"
 
 namespace convoy::dds::testing {
@@ -32,69 +22,32 @@ using cli::TruthListener;
 constexpr VehicleId vehicle = 7;
 constexpr std::uint64_t run = 5;
 
-/// A sample whose payload says that it holds what no machine does.
-class Liar final : public wire::TruthDepthPubSubType {
- public:
-  bool serialize(void* data, eprosima::fastrtps::rtps::SerializedPayload_t* payload) override {
-    if (!wire::TruthDepthPubSubType::serialize(data, payload)) return false;
-    const std::uint32_t length = 0xfffffff0U;
-    std::memcpy(payload->data + 4 + 44, &length, 4);
-    return true;
-  }
-};
-
 class Simulator {
  public:
-  explicit Simulator(bool lying = false) {
-    edds::DomainParticipantQos qos;
-    auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-    udp->interfaceWhiteList = {"127.0.0.1"};
-    qos.transport().use_builtin_transports = false;
-    qos.transport().user_transports = {udp};
-    qos.wire_protocol().builtin.discovery_config.leaseDuration_announcementperiod = {0, 100'000'000};
-    participant_ = factory_->create_participant(domain_of_this_test(), qos);
-    publisher_ = participant_->create_publisher(edds::PublisherQos());
-    poses = writer(new wire::TruthPubSubType, "Truth");
-    depths = writer(lying ? new Liar : new wire::TruthDepthPubSubType, "TruthDepth");
-  }
-  ~Simulator() {
-    participant_->delete_contained_entities();
-    factory_->delete_participant(participant_);
-  }
-  Simulator(const Simulator&) = delete;
-  Simulator& operator=(const Simulator&) = delete;
-
-  edds::DataWriter *poses, *depths;
+  explicit Simulator(bool lying = false)
+      : poses(participant_.writer(new wire::TruthPubSubType, "Truth")),
+        depths(participant_.writer(depth_type(lying), "TruthDepth")) {}
 
  private:
-  edds::DataWriter* writer(edds::TopicDataType* made, const std::string& name) {
-    const edds::TypeSupport type(made);
-    type->auto_fill_type_object(false);
-    type->auto_fill_type_information(false);
-    type.register_type(participant_);
-    auto* topic = participant_->create_topic("convoy/sensors/v1/" + name, type.get_type_name(), edds::TopicQos());
-    return publisher_->create_datawriter(topic, wire::endpoint_qos<edds::DataWriterQos>(64));
+  static edds::TopicDataType* depth_type(bool lying) {
+    if (lying) return new Liar<wire::TruthDepthPubSubType>;
+    return new wire::TruthDepthPubSubType;
   }
+  SensorParticipant participant_;
 
-  edds::DomainParticipantFactory* factory_ = edds::DomainParticipantFactory::get_instance();
-  edds::DomainParticipant* participant_;
-  edds::Publisher* publisher_;
+ public:
+  edds::DataWriter* const poses;
+  edds::DataWriter* const depths;
 };
 
 wire::Truth pose(std::uint32_t step, double x_m) {
-  wire::Truth sample;
-  sample.vehicle(vehicle);
-  sample.header().run(run);
-  sample.header().step(step);
-  sample.header().stamp_s(0.1 * step);
+  auto sample = sample_of<wire::Truth>(vehicle, run, 0.1 * step, step);
   sample.T_world_body({x_m, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0});
   return sample;
 }
 
 wire::TruthDepth depth(std::uint32_t step, float each_m) {
-  wire::TruthDepth sample;
-  sample.vehicle(vehicle);
-  sample.header() = pose(step, 0.0).header();
+  auto sample = sample_of<wire::TruthDepth>(vehicle, run, 0.1 * step, step);
   sample.width(4);
   sample.height(2);
   sample.depth(std::vector<float>(8, each_m));
