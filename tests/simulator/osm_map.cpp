@@ -6,6 +6,7 @@
 #include <charconv>
 #include <cmath>
 #include <cstring>
+#include <fstream>
 #include <stdexcept>
 
 namespace convoy::simulator {
@@ -135,6 +136,12 @@ double number_of(const std::string& tag, double otherwise, int& not_understood) 
   return otherwise;
 }
 
+bool begins_like_a_map(const std::string& file) {
+  std::string head(512, ' ');
+  std::ifstream(file, std::ios::binary).read(head.data(), static_cast<std::streamsize>(head.size()));
+  return head.find("<osm") != std::string::npos;
+}
+
 OsmMap read_osm(const std::string& file) {
   tinyxml2::XMLDocument document;
   const tinyxml2::XMLError error = document.LoadFile(file.c_str());
@@ -143,6 +150,9 @@ OsmMap read_osm(const std::string& file) {
     refuse(file, 0, "cannot be read", "give the path of an OpenStreetMap XML file (.osm)");
   if (error == tinyxml2::XML_ERROR_EMPTY_DOCUMENT)
     refuse(file, 0, "is empty", "export the map anew, as OpenStreetMap XML (.osm)");
+  if (error != tinyxml2::XML_SUCCESS && begins_like_a_map(file))
+    refuse(file, document.ErrorLineNum(), std::string("is cut off or damaged (") + document.ErrorName() + ")",
+           "export or download it again");
   if (error != tinyxml2::XML_SUCCESS)
     refuse(file, document.ErrorLineNum(), std::string("is not XML (") + document.ErrorName() + ")",
            "export it as OpenStreetMap XML (.osm), not as .pbf or .json");
@@ -189,6 +199,9 @@ OsmMap read_osm(const std::string& file) {
   if (const auto* bounds = root->FirstChildElement("bounds")) {
     least = degrees_of(file, *bounds, "minlat", "minlon");
     most = degrees_of(file, *bounds, "maxlat", "maxlon");
+    if (least.latitude > most.latitude || least.longitude > most.longitude)
+      refuse(file, bounds->GetLineNum(), "has <bounds> whose minimum lies above the maximum",
+             "take out <bounds>, or export the map anew");
   }
   // A local plane about the middle: on 10 km it is true to a few parts in 10^4.
   constexpr double earth_m = 6371008.8, to_rad = M_PI / 180.0;
@@ -199,7 +212,7 @@ OsmMap read_osm(const std::string& file) {
   };
   map.low = local(least), map.high = local(most);
   const Eigen::Vector2d size = map.high - map.low;
-  if (!(size.maxCoeff() <= widest_m) || !(size.minCoeff() >= 0.0))
+  if (!(size.maxCoeff() <= widest_m))
     refuse(file, 0,
            "is " + std::to_string(static_cast<long>(size.x() / 1000)) + " x " +
                std::to_string(static_cast<long>(size.y() / 1000)) + " km, 10 km is the most",

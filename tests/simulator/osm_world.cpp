@@ -443,6 +443,10 @@ std::vector<std::string> what_is_missing(const OsmReport& report) {
   if (const int count = report.streets_without_nodes.count; count > 0)
     lines.push_back(std::to_string(count) + " street" + (count > 1 ? "s" : "") + " left out: nodes missing " +
                     std::to_string(count) + place_of(report.streets_without_nodes));
+  if (const int count = report.tags_not_understood; count > 0)
+    lines.push_back(std::to_string(count) + (count > 1 ? " heights or levels are no numbers: they are guessed"
+                                                       : " height or number of levels is no number: it is guessed"));
+  if (report.against_oneway) lines.push_back("the loop leads against one-way streets: no other one can be driven");
   if (report.open) lines.push_back("no closed way of a length to drive round is on the map; its route is open");
   return lines;
 }

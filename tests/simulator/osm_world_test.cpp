@@ -106,6 +106,7 @@ TEST_F(OsmFile, OneWayStreetsAreKeptWhereTheyCanBe) {
                  way(1, {1, 2, 3}, one_way) + way(2, {1, 4, 3}, one_way) + "</osm>"),
            {}, other);
   EXPECT_TRUE(other.against_oneway);
+  EXPECT_THAT(what_is_missing(other), ElementsAre(HasSubstr("against one-way streets")));
 }
 
 TEST_F(OsmFile, NoBuildingsAreAllowedAndReported) {
@@ -147,7 +148,8 @@ TEST_F(OsmFile, CountsWhatItLeavesOut) {
       what_is_missing(report),
       ElementsAre("5 buildings left out: self-crossing 1, without area 1, not closed 1, nodes missing 1, in the "
                   "middle of a street 1 (first: way 50, line 14)",
-                  "1 street left out: nodes missing 1 (first: way 54, line 18)"));
+                  "1 street left out: nodes missing 1 (first: way 54, line 18)",
+                  "2 heights or levels are no numbers: they are guessed"));
   EXPECT_EQ(report.tags_not_understood, 2);
   EXPECT_EQ(plan.footprints.size(), 1U);
 }
@@ -166,7 +168,7 @@ TEST_F(OsmFile, OuterRingsOfMultipolygonsAreBuildings) {
 TEST_F(OsmFile, RefusesBadFilesWithFileWhatAndMend) {
   EXPECT_THAT(refusal(""), HasSubstr("is empty; export"));
   EXPECT_THAT(refusal("PK\x03\x04 no map at all"), HasSubstr("; export"));
-  EXPECT_THAT(refusal("<osm>\n<node id=\"1\" lat=\"1\"\n"), HasSubstr("is not XML"));
+  EXPECT_THAT(refusal("<osm>\n<node id=\"1\" lat=\"1\"\n"), HasSubstr("is cut off or damaged"));
   EXPECT_THAT(refusal("<gpx></gpx>"), HasSubstr("has no <osm> element"));
   EXPECT_THAT(refusal("<osm></osm>"), HasSubstr("has no streets"));
   EXPECT_THAT(refusal("<osm>" + house(1, 0, 0, {}) + "</osm>"), HasSubstr("has no streets"));
@@ -223,6 +225,8 @@ TEST_F(OsmFile, OfAWholeMapNothingIsMissing) {
 TEST_F(OsmFile, RefusesMapsWiderThanTenKilometres) {
   const std::string far = node(20, 30'000, 0) + way(9, {2, 20}, tag("highway", "primary"));
   EXPECT_THAT(refusal(block(far)), HasSubstr("10 km is the most; cut out the district"));
+  const std::string bounds = "<bounds minlat=\"2\" minlon=\"1\" maxlat=\"1\" maxlon=\"2\"/>";
+  EXPECT_THAT(refusal(block(bounds)), HasSubstr("has <bounds> whose minimum lies above the maximum"));
   // A street that leads out of what the map says it covers is cut.
   const std::string bounds = "<bounds minlat=\"47.999\" minlon=\"10.999\" maxlat=\"48.001\" maxlon=\"11.002\"/>";
   EXPECT_EQ(refusal(block(far + bounds)), "(accepted)");

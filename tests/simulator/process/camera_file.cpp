@@ -67,7 +67,7 @@ CameraData load_camera(const std::filesystem::path& path) {
       for (int column = 0; column < 4; ++column)
         camera.T_body_camera.matrix()(row, column) = pose.at<double>(row, column);
   } catch (const cv::Exception& error) {
-    throw SetUpError(file + ": " + error.err);
+    throw SetUpError(file + " is empty, or no YAML as OpenCV writes it (" + error.err + ")");
   }
   return camera;
 }

@@ -255,7 +255,11 @@ struct LiveSource::Impl {
   bool ends(double time_s) const {
     if (options.duration_s && time_s > *options.duration_s - 1e-6) return true;
     if (driven.front()->follower.driven_m() >= distance_m) return true;
-    return std::all_of(driven.begin(), driven.end(), [](const auto& v) { return v->follower.finished(); });
+    const bool over = std::all_of(driven.begin(), driven.end(), [](const auto& v) { return v->follower.finished(); });
+    if (over && (options.duration_s || options.distance_m))
+      std::fprintf(stderr, "convoy sim: at the end of the route after %.0f m and %.0f s; a closed one leads on\n",
+                   driven.front()->follower.driven_m(), time_s);
+    return over;
   }
 
   void take_picture(std::size_t i, VehicleStep& step) {

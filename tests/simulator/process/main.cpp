@@ -46,6 +46,13 @@ void take_snapshot(SimOptions options) {
   Progress progress(source.duration_s());
   const FrameData frame = source.snapshot([&](double time_s) { progress.tell(time_s); });
   save_picture(options.snapshot, frame.width, frame.height, frame.grey);
+  std::printf("%s: what vehicle 1 sees at %g s\n", options.snapshot.c_str(), frame.stamp_s);
+}
+
+/// What was said there is lost on a full disk.
+void expect_output_written() {
+  if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0)
+    throw SetUpError("the standard output cannot be written; make room where it goes");
 }
 
 /// The exit status.
@@ -83,7 +90,9 @@ int main(int argc, char** argv) {
   const ParsedOptions parsed = parse_options(argc, argv);
   if (parsed.exit_status) return *parsed.exit_status;
   try {
-    return show(parsed.options);
+    const int status = show(parsed.options);
+    expect_output_written();
+    return status;
   } catch (const SetUpError& error) {
     std::fprintf(stderr, "convoy sim: %s\n", error.what());
     return 2;

@@ -53,6 +53,9 @@ class Run {
     } catch (const DeadlineError&) {
       if (recorder_) recorder_->end(false);
       throw;
+    } catch (const SetUpError&) {
+      std::fprintf(stderr, "convoy sim: step %u was the last\n", sent_);
+      throw;
     }
   }
 
@@ -94,7 +97,7 @@ class Run {
     Progress progress(source_.duration_s());
     start_ = Clock::now();
     for (StepData step = source_.next(); pace(step) && !stop_();) {
-      send(step);
+      if (!send(step)) return false;
       progress.tell(step.time_s);
       const bool last = step.last;
       // While the vehicles are at this step, the next one is made: it does not depend on them.
@@ -117,9 +120,10 @@ class Run {
     return true;
   }
 
-  void send(const StepData& step) {
+  /// False: told to stop.
+  bool send(const StepData& step) {
     if (recorder_) recorder_->write(step);
-    topics_->publish(step);
+    if (!topics_->publish(step, stop_)) return false;
     sent_ = step.step;
     for (std::size_t i = 0; i < sums_.size(); ++i) {
       const VehicleStep& sensed = step.vehicles[i];
@@ -128,6 +132,7 @@ class Run {
       sums_[i].gps += sensed.gps.size();
       sums_[i].digest.add(sensed);
     }
+    return true;
   }
 
   SensorSource& source_;

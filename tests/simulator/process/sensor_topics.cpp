@@ -12,6 +12,7 @@
 #include <chrono>
 #include <condition_variable>
 #include <cstdio>
+#include <functional>
 #include <map>
 #include <mutex>
 #include <optional>
@@ -148,6 +149,9 @@ struct NotTaken {
   std::string topic;
 };
 
+/// Told to end while it waited for that.
+struct Stopped {};
+
 VehicleStep without_readings(std::uint32_t vehicle) {
   VehicleStep step;
   step.vehicle = vehicle;
@@ -204,7 +208,7 @@ struct SensorTopics::Impl {
     return domain.writer(edds::TypeSupport(new PubSubType), "convoy/sensors/v1/" + type, keeping);
   }
 
-  /// In lock-step it waits for who does not take, and throws NotTaken in the end.
+  /// In lock-step it waits for who does not take, and throws NotTaken in the end, or Stopped.
   template <class Sample>
   void write(edds::DataWriter* to, Sample sample) {
     const auto until = deadline();
@@ -212,8 +216,9 @@ struct SensorTopics::Impl {
     while (!to->write(&sample)) {
       const std::string topic = to->get_topic()->get_name();
       if (options.lock_step && Clock::now() < until) {
+        if (told_to_stop && told_to_stop()) throw Stopped{};
         wait.tell("waiting for a subscriber of " + topic + " to take what was sent",
-                  " of " + text_of(options.deadline_s));
+                  " of " + text_of(options.deadline_s) + "; Ctrl-C ends the run");
         continue;
       }
       ++unsent;
@@ -253,7 +258,7 @@ struct SensorTopics::Impl {
       if (i > unsent_from) sent = step_sample(run, step, without_readings(step.vehicles[i].vehicle));
       if (!steps->write(&sent)) break;
     }
-    (void)wait_for(answers.there(), step.step, [] { return false; });
+    if (!wait_for(answers.there(), step.step, told_to_stop)) throw Stopped{};
     throw DeadlineError("a subscriber of " + topic +
                         ", which is none of the vehicles, has not taken what was sent for " +
                         text_of(options.deadline_s) + "; end it, and start the run again");
@@ -287,8 +292,9 @@ struct SensorTopics::Impl {
   const TopicOptions options;
   const std::uint64_t run;
   std::uint64_t unsent = 0;
-  wire::Step sent;           // of the step and vehicle that are being sent: what of it has been
-  StepWriters step_writers;  // before the domains, so that they outlive them
+  std::function<bool()> told_to_stop;  // of publish(); before that nothing waits
+  wire::Step sent;                     // of the step and vehicle that are being sent: what of it has been
+  StepWriters step_writers;            // before the domains, so that they outlive them
   Answers answers;
   LocalDomain sensors, truths;
   edds::DataWriter *steps = nullptr, *calibration = nullptr, *frames = nullptr, *odometry = nullptr, *gps = nullptr,
@@ -303,14 +309,20 @@ SensorTopics::SensorTopics(const TopicOptions& options, const std::vector<Source
 
 SensorTopics::~SensorTopics() = default;
 
-void SensorTopics::publish(const StepData& step) {
+bool SensorTopics::publish(const StepData& step, const std::function<bool()>& stop) {
+  impl_->told_to_stop = stop;
   impl_->answers.sends(step.step);
   std::size_t i = 0;
   try {
-    for (; i < step.vehicles.size(); ++i) impl_->publish(step, step.vehicles[i]);
-  } catch (const NotTaken& not_taken) {
-    impl_->find_who_is_missing(step, i, not_taken.topic);
+    try {
+      for (; i < step.vehicles.size(); ++i) impl_->publish(step, step.vehicles[i]);
+    } catch (const NotTaken& not_taken) {
+      impl_->find_who_is_missing(step, i, not_taken.topic);
+    }
+  } catch (const Stopped&) {
+    return false;
   }
+  return true;
 }
 
 bool SensorTopics::wait_for(const std::vector<std::uint32_t>& vehicles, std::uint32_t step,

@@ -27,8 +27,9 @@ class SensorTopics {
   SensorTopics(const SensorTopics&) = delete;
   SensorTopics& operator=(const SensorTopics&) = delete;
 
-  /// Throws DeadlineError in lock-step if a subscriber does not take what is sent.
-  void publish(const StepData& step);
+  /// Throws DeadlineError in lock-step if a subscriber does not take what is sent. Returns false if `stop` says true
+  /// while it waits for one.
+  [[nodiscard]] bool publish(const StepData& step, const std::function<bool()>& stop);
 
   /// Waits until each of the vehicles has said that it is done with the step; 0: that it is there. Throws DeadlineError
   /// that names those that have not. Returns false if `stop` says true meanwhile.

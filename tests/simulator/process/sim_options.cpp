@@ -2,19 +2,26 @@
 
 #include <CLI/CLI.hpp>
 
+#include <charconv>
 #include <cstdio>
 #include <sstream>
 
 namespace convoy::simulator {
 namespace {
 
-/// For numbers without sign: CLI11 takes "-1" for the largest of them.
+/// For numbers without sign: CLI11 takes "-1" for the largest of them, and so it does what is larger than any.
 const CLI::Validator whole_number(
     [](std::string& text) {
-      const bool digits = !text.empty() && text.find_first_not_of("0123456789") == std::string::npos;
-      return digits ? std::string() : "'" + text + "' is no whole number from 0 on";
+      std::uint64_t value = 0;
+      const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+      const bool whole = error == std::errc() && end == text.data() + text.size();
+      return whole ? std::string() : "'" + text + "' is no whole number from 0 to 18446744073709551615";
     },
     "");
+
+/// What an unset variable of a shell leaves is not the same as nothing asked for.
+const CLI::Validator not_empty(
+    [](std::string& text) { return text.empty() ? std::string("the name is empty") : std::string(); }, "");
 
 /// Both ends included. CLI::Range lets through what is not a number ("nan").
 CLI::Validator number_in(double low, double high) {
@@ -46,7 +53,8 @@ const CLI::Validator picture_size(
     "");
 
 void add_world(CLI::App& app, SimOptions& options) {
-  app.add_option("--world", options.world, "district (a generated one, the default), or a file of OpenStreetMap XML");
+  app.add_option("--world", options.world, "district (a generated one, the default), or a file of OpenStreetMap XML")
+      ->check(not_empty);
   app.add_option("--seed", options.seed, "of everything that is drawn at random (default: 1)")->check(whole_number);
   app.add_option("--route", options.routes,
                  "by name, see --list-routes, of each vehicle, comma-separated; the last one is that of those who "
@@ -90,6 +98,26 @@ void add_topics(CLI::App& app, SimOptions& options) {
       ->check(number_in(0.1, 86400.0));
 }
 
+/// The first of these options that is given, and why it cannot be; empty: none is.
+std::string fault_of_any(const CLI::App& app, std::initializer_list<const char*> names, const std::string& why) {
+  for (const char* name : names)
+    if (app.count(name) > 0) return std::string(name) + ": " + why;
+  return {};
+}
+
+/// Of what only looks at the world.
+std::string fault_of_a_look(const SimOptions& options, const CLI::App& app) {
+  if (options.list_routes)
+    return fault_of_any(
+        app, {"--snapshot", "--record", "--lock-step", "--rate", "--wait-for", "--deadline", "--run", "--truth-depth"},
+        "--list-routes ends before anybody drives; take one of the two out");
+  if (!options.snapshot.empty())
+    return fault_of_any(app,
+                        {"--record", "--lock-step", "--rate", "--wait-for", "--deadline", "--run", "--truth-depth"},
+                        "a snapshot speaks to nobody; take one of the two out");
+  return {};
+}
+
 /// What is wrong with options that are right each by itself.
 std::string fault_of(const SimOptions& options, const CLI::App& app) {
   if (options.sensor_domain == options.truth_domain)
@@ -103,13 +131,16 @@ std::string fault_of(const SimOptions& options, const CLI::App& app) {
     if (options.wait_for.value_or(0) > options.vehicles)
       return "--wait-for " + std::to_string(*options.wait_for) + ": there are only " +
              std::to_string(options.vehicles) + " vehicles";
-    return {};
+    if (options.offset_m.size() > static_cast<std::size_t>(options.vehicles))
+      return "--offset: " + std::to_string(options.offset_m.size()) + " for " + std::to_string(options.vehicles) +
+             (options.vehicles == 1 ? " vehicle" : " vehicles");
+    return fault_of_a_look(options, app);
   }
-  for (const char* of_world :
-       {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap", "--offset", "--speed",
-        "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth", "--snapshot"})
-    if (app.count(of_world) > 0) return std::string(of_world) + ": a recording is as it was; take it out";
-  return {};
+  return fault_of_any(
+      app,
+      {"--world", "--seed", "--route", "--traffic", "--list-routes", "--vehicles", "--gap", "--offset", "--speed",
+       "--duration", "--distance", "--camera", "--drop", "--gps", "--truth-depth", "--snapshot"},
+      "a recording is as it was; take it out");
 }
 
 }  // namespace
@@ -128,13 +159,14 @@ ParsedOptions parse_options(int argc, char** argv) {
       ->check(number_in(0.0, 1.0));
   app.add_option("--gps", options.gps, "none (the default), standard or rtk")
       ->check(CLI::IsMember({"none", "standard", "rtk"}));
-  app.add_flag("--truth-depth", options.depth, "the truth tells the distance of each pixel, too");
+  app.add_flag("--truth-depth", options.depth, "the truth tells the distance of each pixel, too; not recorded");
   add_topics(app, options);
-  app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed");
-  app.add_option("--replay", options.replay, "publish a recording instead of a world");
+  app.add_option("--record", options.record, "folder to make: what was sensed, to be read and replayed")
+      ->check(not_empty);
+  app.add_option("--replay", options.replay, "publish a recording instead of a world")->check(not_empty);
   app.add_flag("--as-is", options.as_is, "replay a recording that was cut or changed, too, as far as it goes");
-  app.add_option("--snapshot", options.snapshot,
-                 "write what vehicle 1 sees at the end as a PNG file; speaks to nobody");
+  app.add_option("--snapshot", options.snapshot, "write what vehicle 1 sees at the end as a PNG file; speaks to nobody")
+      ->check(not_empty);
   app.footer(
       "Exit status: 0 at the end; 1 a vehicle or another subscriber did not answer in time; 2 what was asked for\n"
       "cannot be done; 128 + the signal if it was stopped (SIGINT 130, SIGTERM 143).");

@@ -38,11 +38,31 @@ TEST(Options, AreChecked) {
   expect_refused("--replay x --record y", "exclude each other");
   expect_refused("--replay x --seed 2", "--seed");
   expect_refused("--run 0", "numbered from 1 on");
+  expect_refused("--run 99999999999999999999", "is no whole number");
+  expect_refused("--snapshot a.png --record b", "--record: a snapshot speaks to nobody");
+  expect_refused("--list-routes --snapshot a.png", "--snapshot: --list-routes ends before anybody drives");
+  expect_refused("--vehicles 2 --offset 1,2,3", "--offset: 3 for 2 vehicles");
   expect_refused("--fast", "--fast");
   expect_refused("--route nowhere" + block, "no route 'nowhere'");
   expect_refused("--vehicles 2 --route loop,loop,loop" + block, "names 3 routes for 2 vehicles");
   expect_refused("--vehicles 2 --route loop,nowhere" + block, "no route 'nowhere'");
   expect_refused("--lock-step --vehicles 1 --wait-for 2 --world none.osm", "there are only 1 vehicles");
+}
+
+TEST(Options, ANameThatIsEmptyIsNotTakenForNone) {
+  const ScratchFolder scratch;
+  for (const std::string named : {"--record", "--replay", "--snapshot", "--world"}) {
+    std::vector<std::string> command = sim_command("--duration 0.1");
+    command.insert(command.end(), {named, ""});
+    Process sim(command, scratch / "output");
+    EXPECT_EQ(sim.wait(), 2) << named;
+    EXPECT_NE(sim.output().find(named + ": the name is empty"), std::string::npos) << sim.output();
+  }
+}
+
+TEST(Output, ThatCannotBeWrittenIsAnError) {
+  Process sim(sim_command("--list-routes" + block), "/dev/full");
+  EXPECT_EQ(sim.wait(), 2);
 }
 
 TEST(Snapshot, IsAPicture) {

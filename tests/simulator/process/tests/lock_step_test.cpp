@@ -138,6 +138,20 @@ TEST(LockStep, SaysOfASubscriberThatIsNoVehicleThatItIsNone) {
       << fleet.sim->output();
 }
 
+TEST(LockStep, CanBeEndedWhileASubscriberDoesNotTake) {
+  Fleet fleet(block + " --duration 1000 --lock-step --deadline 1000", {"--delay-ms 50"});
+  const Process other(vehicle_command("--domain " + std::to_string(domain_of_this_test()) + " --vehicle 9"),
+                      fleet.scratch / "other");
+  ASSERT_TRUE(waits_for_steps(fleet, 20)) << fleet.sim->output();
+  other.send(SIGSTOP);
+  const auto deadline = steady_clock::now() + std::chrono::seconds(30);
+  while (fleet.sim->output().find("to take what was sent") == std::string::npos && steady_clock::now() < deadline)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  fleet.sim->send(SIGINT);
+  EXPECT_EQ(fleet.sim->wait(), 128 + SIGINT);
+  EXPECT_NE(fleet.sim->output().find("stopped at step"), std::string::npos) << fleet.sim->output();
+}
+
 TEST(LockStep, WaitsForThoseOnlyThatItIsToldTo) {
   Fleet fleet("--vehicles 2 --wait-for 1" + small, {""});
   fleet.expect_success();
@@ -218,7 +232,8 @@ TEST(Topics, OfTwoSimulatorsOnOneDomainTheLaterGivesUp) {
 TEST(Topics, OfTwoSimulatorsThatStartAtOnceOneGivesUp) {
   Fleet one("--rate 1 --duration 1000" + block, {""}), other("--rate 1 --duration 1000" + block, {});
   const auto deadline = steady_clock::now() + std::chrono::seconds(20);
-  // While they look whether there is another one, both are held, until the second for it is over: neither has found one.
+  // While they look whether there is another one, both are held, until the second for it is over: neither has found
+  // one.
   for (const Fleet* fleet : {&one, &other})
     while (fleet->sim->udp_addresses().size() < 6 && steady_clock::now() < deadline)
       std::this_thread::sleep_for(std::chrono::milliseconds(10));
