@@ -225,8 +225,8 @@ TEST_F(OsmFile, OfAWholeMapNothingIsMissing) {
 TEST_F(OsmFile, RefusesMapsWiderThanTenKilometres) {
   const std::string far = node(20, 30'000, 0) + way(9, {2, 20}, tag("highway", "primary"));
   EXPECT_THAT(refusal(block(far)), HasSubstr("10 km is the most; cut out the district"));
-  const std::string bounds = "<bounds minlat=\"2\" minlon=\"1\" maxlat=\"1\" maxlon=\"2\"/>";
-  EXPECT_THAT(refusal(block(bounds)), HasSubstr("has <bounds> whose minimum lies above the maximum"));
+  const std::string turned = "<bounds minlat=\"2\" minlon=\"1\" maxlat=\"1\" maxlon=\"2\"/>";
+  EXPECT_THAT(refusal(block(turned)), HasSubstr("has <bounds> whose minimum lies above the maximum"));
   // A street that leads out of what the map says it covers is cut.
   const std::string bounds = "<bounds minlat=\"47.999\" minlon=\"10.999\" maxlat=\"48.001\" maxlon=\"11.002\"/>";
   EXPECT_EQ(refusal(block(far + bounds)), "(accepted)");
