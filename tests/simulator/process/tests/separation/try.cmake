@@ -2,7 +2,7 @@
 foreach(link IN ITEMS none direct reverse by_another alias condition objects both below)
   file(REMOVE_RECURSE ${scratch})
   execute_process(
-    COMMAND ${CMAKE_COMMAND} -S ${source} -B ${scratch} -D link=${link} -D separation=${separation}
+    COMMAND ${CMAKE_COMMAND} -G Ninja -S ${source} -B ${scratch} -D link=${link} -D separation=${separation}
     RESULT_VARIABLE status OUTPUT_QUIET ERROR_VARIABLE errors
   )
   if(link STREQUAL none)
