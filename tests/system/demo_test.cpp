@@ -47,13 +47,6 @@ void expect_whole(const json& metrics) {
   EXPECT_EQ(metrics["all_aligned"], true);
 }
 
-/// Of the distance while driving: a machine may be so busy that what shows it is worked in when all have arrived.
-void expect_known_in_the_end(const json& pair, double within_m) {
-  const json &first_s = pair["first_association_s"], &final_s = pair["distance_error_final_s"];
-  if (!first_s.is_number() || final_s.get<double>() < first_s.get<double>() + 60.0) return;  // three seconds here
-  EXPECT_LT(pair["distance_error_final_m"], within_m);
-}
-
 TEST(Demo, TwoVehiclesOnTheStreetShareOneConsistentMap) {
   const ScratchFolder scratch;
   const Outcome outcome = run_convoy("demo --fast --rate 15 --seed 1 --out " + (scratch / "run").string());
@@ -62,7 +55,7 @@ TEST(Demo, TwoVehiclesOnTheStreetShareOneConsistentMap) {
   expect_whole(metrics);
   EXPECT_GT(metrics["associations"]["true"], 50);
   EXPECT_GT(metrics["pairs"][0]["distance_rmse_raw_m"], 5.0);  // nobody knew the 20 m
-  expect_known_in_the_end(metrics["pairs"][0], 0.3);
+  EXPECT_LT(metrics["pairs"][0]["distance_error_final_m"], 0.3);
   for (const json& vehicle : metrics["vehicles"]) {
     EXPECT_EQ(vehicle["integrity"], "OK");
     EXPECT_GE(vehicle["pose_coverage95"], 0.9);
@@ -88,7 +81,7 @@ INSTANTIATE_TEST_SUITE_P(Names, DemoByProfile, ::testing::Values("lan", "lossy_r
 
 TEST(Demo, TwoVehiclesOnAStreetInSpaceShareOneConsistentMap) {
   const ScratchFolder scratch;
-  const Outcome outcome = run_convoy("demo --space --rate 20 --seed 1 --out " + (scratch / "run").string());
+  const Outcome outcome = run_convoy("demo --space --rate 12 --seed 1 --out " + (scratch / "run").string());
   ASSERT_EQ(outcome.status, 0) << outcome.output;
   const json metrics = read_json(scratch / "run/metrics.json");
   expect_whole(metrics);
@@ -96,7 +89,7 @@ TEST(Demo, TwoVehiclesOnAStreetInSpaceShareOneConsistentMap) {
   EXPECT_GT(metrics["associations"]["true"], 50);
   EXPECT_GT(metrics["pairs"][0]["distance_rmse_raw_m"], 5.0);
   // Not distance_rmse_settled_m: at this rate it begins half a second after the association, of a busy machine.
-  expect_known_in_the_end(metrics["pairs"][0], 0.15);
+  EXPECT_LT(metrics["pairs"][0]["distance_error_final_m"], 0.15);
   EXPECT_LT(metrics["pairs"][0]["distance_rmse_corrected_m"], 0.15);
   EXPECT_LT(metrics["fleet_ate_m"], 0.4);
   EXPECT_EQ(metrics["vehicles"][0]["map_digest"], metrics["vehicles"][1]["map_digest"]);
