@@ -231,6 +231,16 @@ struct SensorTopics::Impl {
            std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(options.deadline_s));
   }
 
+  void publish(const StepData& step) {
+    answers.sends(step.step);
+    std::size_t i = 0;
+    try {
+      for (; i < step.vehicles.size(); ++i) publish(step, step.vehicles[i]);
+    } catch (const NotTaken& not_taken) {
+      find_who_is_missing(step, i, not_taken.topic);
+    }
+  }
+
   void publish(const StepData& step, const VehicleStep& of_vehicle) {
     const std::uint32_t vehicle = of_vehicle.vehicle;
     sent = step_sample(run, step, without_readings(vehicle));
@@ -311,14 +321,8 @@ SensorTopics::~SensorTopics() = default;
 
 bool SensorTopics::publish(const StepData& step, const std::function<bool()>& stop) {
   impl_->told_to_stop = stop;
-  impl_->answers.sends(step.step);
-  std::size_t i = 0;
   try {
-    try {
-      for (; i < step.vehicles.size(); ++i) impl_->publish(step, step.vehicles[i]);
-    } catch (const NotTaken& not_taken) {
-      impl_->find_who_is_missing(step, i, not_taken.topic);
-    }
+    impl_->publish(step);
   } catch (const Stopped&) {
     return false;
   }
